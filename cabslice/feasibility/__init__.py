@@ -1,0 +1,1 @@
+"""Can this robot follow this path? A no is a value."""

@@ -1,0 +1,1 @@
+"""Meshes: loaded, mended, placed on the bed. The one doorway to trimesh."""

@@ -1,0 +1,1 @@
+"""Printers, materials and processes as files: read, checked, found by name."""

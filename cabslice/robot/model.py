@@ -1,0 +1,159 @@
+"""The cable robot: one frozen value of columns, the first argument of every function of this wing.
+
+Legend (Gueners 2021; Pott 2018, Cable-Driven Parallel Robots)
+    m    number of cables                    K     number of poses
+    a_i  anchor: entry point P_i of the pulley, or the eyelet        mm, machine frame
+    c_i  attachment                                                  mm, platform frame
+    e_z  swivel axis of the pulley: direction in which the cable arrives at P from the winder
+    r_p  pulley radius: groove radius + cable radius; 0 is an eyelet  mm
+    ES   axial stiffness, N (force per unit strain)
+    pose (x, y, z mm, rotation vector rad): platform origin in the machine frame
+
+Forces in N, moments in N mm; 1 kg mm/s^2 = 1e-3 N and 1 kg mm^2/s^2 = 1e-3 N mm (NEWTON).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cabslice.arrays import Array, Shapes, set_columns
+
+NEWTON = 1e-3                                  # N per kg mm/s^2, and N mm per kg mm^2/s^2
+GRAVITY = np.array([0.0, 0.0, -9806.65])       # mm/s^2
+
+
+@dataclass(frozen=True)
+class WinderColumns:
+    """Winders of all cables as columns (see robot.winder for the maths)."""
+
+    radii: Array          # (m, n) mm, radius of the cable's centre line in layers 0..n-1
+    ramp_start: Array     # (m,) rad, motor angle where layer 0 begins to climb
+    ramp_end: Array       # (m,) rad, motor angle where layer 1 is reached
+    home_angle: Array     # (m,) rad, multi-turn motor angle at the home pose
+    centre: Array         # (m, 3) mm, machine frame
+    crossed: Array        # (m,) bool: crossed common tangent; else open
+    max_speed: Array      # (m,) rad/s
+    continuous_torque: Array   # (m,) N mm
+    peak_torque: Array    # (m,) N mm
+    inertia: Array        # (m,) kg mm^2
+    friction: Array       # (m,) N mm
+
+    def __post_init__(self) -> None:
+        shape = Shapes("WinderColumns")
+        columns = {name: shape.column(name, getattr(self, name), "m") for name in (
+            "ramp_start", "ramp_end", "home_angle", "max_speed", "continuous_torque", "peak_torque", "inertia", "friction")}
+        columns["radii"] = shape.column("radii", self.radii, "m n")
+        columns["centre"] = shape.column("centre", self.centre, "m 3")
+        columns["crossed"] = shape.column("crossed", self.crossed, "m", np.bool_)
+        set_columns(self, **columns)
+
+
+@dataclass(frozen=True)
+class Robot:
+    anchors: Array             # (m, 3) mm, machine frame
+    attachments: Array         # (m, 3) mm, platform frame
+    pulley_axes: Array         # (m, 3) unit vectors
+    pulley_radii: Array        # (m,) mm, groove + cable radius
+    axial_stiffness: Array     # (m,) N
+    cable_radii: Array         # (m,) mm
+    clearance: Array           # (m,) mm
+    tension_min: Array         # (m,) N
+    tension_max: Array         # (m,) N
+    tension_reference: Array   # (m,) N
+    mass: float                # kg
+    inertia: Array             # (3, 3) kg mm^2, about the centre of mass, platform axes
+    centre_of_mass: Array      # (3,) mm, platform frame
+    home: Array                # (6,) pose
+    freedoms: Array            # (6,) bool: x y z rx ry rz
+    winders: WinderColumns | None = None
+    nozzle: Array | None = None      # (3,) mm, nozzle tip in the platform frame
+    bed_origin: Array | None = None  # (3,) mm, middle of the bed in the machine frame
+    bed_size: Array | None = None    # (2,) mm
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        shape = Shapes("Robot")
+        columns = {name: shape.column(name, getattr(self, name), "m 3") for name in ("anchors", "attachments", "pulley_axes")}
+        for name in ("pulley_radii", "axial_stiffness", "cable_radii", "clearance", "tension_min", "tension_max", "tension_reference"):
+            columns[name] = shape.column(name, getattr(self, name), "m")
+        columns["inertia"] = shape.column("inertia", self.inertia, "3 3")
+        columns["centre_of_mass"] = shape.column("centre_of_mass", self.centre_of_mass, "3")
+        columns["home"] = shape.column("home", self.home, "6")
+        columns["freedoms"] = shape.column("freedoms", self.freedoms, "6", np.bool_)
+        for name, size in (("nozzle", "3"), ("bed_origin", "3"), ("bed_size", "2")):
+            if getattr(self, name) is not None:
+                columns[name] = shape.column(name, getattr(self, name), size)
+        set_columns(self, **columns)
+
+    @property
+    def cables(self) -> int:
+        return len(self.anchors)
+
+
+def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
+    """The robot part of a printer profile (cabslice.profile.printer.Printer) as columns.
+
+    With ``pulleys=False`` every cable leaves from its anchor point, to compare with papers.
+    """
+    cables = printer.cable
+    diameter = np.array([cable.diameter_mm for cable in cables])
+    groove = np.array([cable.pulley.groove_radius_mm for cable in cables])
+    return Robot(
+        anchors=[cable.anchor_mm for cable in cables],
+        attachments=[cable.attachment_mm for cable in cables],
+        pulley_axes=[cable.pulley.axis for cable in cables],
+        pulley_radii=np.where(groove > 0, groove + diameter / 2, 0.0) * pulleys,
+        axial_stiffness=np.array([cable.modulus_gpa for cable in cables]) * 1e3 * np.pi / 4 * diameter**2,
+        cable_radii=diameter / 2,
+        clearance=[cable.clearance_mm for cable in cables],
+        tension_min=[cable.min_tension_n for cable in cables],
+        tension_max=[cable.max_tension_n for cable in cables],
+        tension_reference=[cable.reference_tension_n for cable in cables],
+        mass=printer.platform.mass_kg,
+        inertia=np.diag(printer.platform.inertia_kg_mm2),
+        centre_of_mass=printer.platform.centre_of_mass_mm,
+        home=[*printer.platform.home_mm, 0.0, 0.0, 0.0],
+        freedoms=[freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")],
+        winders=_winders(cables),
+        nozzle=printer.nozzle.offset_mm if printer.nozzle else None,
+        bed_origin=[*printer.bed.centre_mm, printer.bed.z_mm] if printer.bed else None,
+        bed_size=printer.bed.size_mm if printer.bed else None,
+        name=printer.name,
+    )
+
+
+def _winders(cables: Any) -> WinderColumns:
+    winders, motors = [cable.winder for cable in cables], [cable.motor for cable in cables]
+    layers = max(winder.layers for winder in winders)
+    return WinderColumns(
+        radii=[_layer_radii(winder, layers) for winder in winders],
+        ramp_start=np.radians([winder.ramp_start_deg for winder in winders]),
+        ramp_end=np.radians([winder.ramp_end_deg for winder in winders]),
+        home_angle=np.radians([winder.home_angle_deg for winder in winders]),
+        centre=[winder.centre_mm for winder in winders],
+        crossed=[winder.routing == "crossed" for winder in winders],
+        max_speed=[motor.max_speed_rad_s for motor in motors],
+        continuous_torque=np.array([motor.continuous_torque_n_m for motor in motors]) * 1e3,
+        peak_torque=np.array([motor.peak_torque_n_m for motor in motors]) * 1e3,
+        inertia=[motor.inertia_kg_mm2 for motor in motors],
+        friction=np.array([motor.friction_n_m for motor in motors]) * 1e3,
+    )
+
+
+def _layer_radii(winder: Any, layers: int) -> Array:
+    """Radii of layers 0..layers-1: the measured ones, then the nominal step on top of the last of them."""
+    known = winder.radii_mm or [winder.first_radius_mm]
+    more = known[-1] + winder.layer_step_mm * np.arange(1, layers - len(known) + 1)
+    return np.concatenate((known, more))[:layers]
+
+
+def nozzle_poses(robot: Robot, xyz: Array) -> Array:
+    """Level platform poses (K, 6) that put the nozzle at xyz (K, 3) mm in bed coordinates."""
+    if robot.nozzle is None or robot.bed_origin is None:
+        raise ValueError("the robot has no nozzle or no bed")
+    poses = np.zeros((len(xyz), 6))
+    poses[:, :3] = xyz + robot.bed_origin - robot.nozzle
+    return poses

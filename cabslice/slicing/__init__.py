@@ -1,0 +1,1 @@
+"""Layers and the beads that fill them. The one doorway to manifold3d."""

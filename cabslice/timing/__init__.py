@@ -1,0 +1,1 @@
+"""How fast may the robot follow the path? The one doorway to toppra."""

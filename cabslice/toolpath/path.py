@@ -1,0 +1,104 @@
+"""The toolpath: one row per move into a point, in bed coordinates (z = 0 on the bed)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from cabslice.arrays import Array, Shapes, set_columns
+
+
+class EventKind(IntEnum):
+    """Values are stored in files: never renumber."""
+
+    NOZZLE_TEMPERATURE = 1   # degC
+    BED_TEMPERATURE = 2      # degC
+    FAN = 3                  # 0..1
+    DWELL = 4                # s
+    PAUSE = 5                # -
+    MIN_LAYER_TIME = 6       # s
+
+
+@dataclass(frozen=True)
+class Events:
+    """What happens just before move `index` starts: index (E,), kind (E,) EventKind, value (E,)."""
+
+    index: Array
+    kind: Array
+    value: Array
+
+    def __post_init__(self) -> None:
+        shape = Shapes("Events")
+        set_columns(
+            self,
+            index=shape.column("index", self.index, "E", np.int64),
+            kind=shape.column("kind", self.kind, "E", np.uint8),
+            value=shape.column("value", self.value, "E"),
+        )
+
+    @staticmethod
+    def none() -> Events:
+        return Events(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """Columns, one row per move *into* a point.
+
+    Row 0 is where the nozzle starts: zero length, no filament, Role.TRAVEL. Moves starts[p]:starts[p+1] are piece p:
+    the nozzle starts and ends each piece at rest. Row 0 belongs to no piece, so starts[0] == 1 and starts[-1] == N.
+    A piece either moves the nozzle in each of its moves, or is a single move of zero length that only moves
+    filament (retract < 0, prime > 0).
+    """
+
+    xyz: Array        # (N, 3) mm, nozzle tip, bed coordinates
+    filament: Array   # (N,) mm fed during the move; < 0 draws back
+    width: Array      # (N,) mm, bead width; 0 in travels
+    height: Array     # (N,) mm, bead height; 0 in travels
+    speed: Array      # (N,) mm/s asked of the nozzle; of the filament in moves of zero length
+    role: Array       # (N,) uint8, slicing.layer.Role
+    layer: Array      # (N,) int32
+    object: Array     # (N,) int32
+    starts: Array     # (P+1,) int64
+    events: Events
+    filament_diameter_mm: float
+    source: str = ""  # name and hash of what it was made from
+
+    def __post_init__(self) -> None:
+        shape = Shapes("Toolpath")
+        set_columns(
+            self,
+            xyz=shape.column("xyz", self.xyz, "N 3"),
+            filament=shape.column("filament", self.filament, "N"),
+            width=shape.column("width", self.width, "N"),
+            height=shape.column("height", self.height, "N"),
+            speed=shape.column("speed", self.speed, "N"),
+            role=shape.column("role", self.role, "N", np.uint8),
+            layer=shape.column("layer", self.layer, "N", np.int32),
+            object=shape.column("object", self.object, "N", np.int32),
+            starts=shape.column("starts", self.starts, "P+1", np.int64),
+        )
+
+    @property
+    def lengths(self) -> Array:
+        """(N,) mm, length of each move; 0 in row 0."""
+        return np.concatenate(([0.0], np.linalg.norm(np.diff(self.xyz, axis=0), axis=1)))
+
+    @property
+    def filament_area_mm2(self) -> float:
+        return float(np.pi / 4 * self.filament_diameter_mm**2)
+
+
+def bead_area(width: Array, height: Array) -> Array:
+    """Cross-section of a bead, mm^2: a rectangle with half-round sides (the model of PrusaSlicer's flow page).
+
+    Where the bead is narrower than it is high it is taken as a rectangle of the same width.
+    """
+    return np.where(width > height, (width - height) * height + np.pi / 4 * height**2, width * height)
+
+
+def bead_spacing(width: Array, height: Array) -> Array:
+    """Distance between the centre lines of neighbouring beads that together fill the layer, mm."""
+    return bead_area(width, height) / height

@@ -1,0 +1,1 @@
+"""Pictures. The one doorway to matplotlib."""
