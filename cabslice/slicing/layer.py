@@ -54,7 +54,7 @@ class Beads:
 
     Line b is points[starts[b]:starts[b+1]] (N, 2) mm; a closed line does not repeat its first point.
     width (N,) mm at each point (the segment *into* a point has that point's width); role (B,), closed (B,) bool;
-    island (B,) int: which connected region of the layer it belongs to.
+    island (B,) int: which connected region of the layer it belongs to; -1 for what stands beside the part (skirt).
     """
 
     points: Array

@@ -8,6 +8,9 @@ from enum import IntEnum
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.slicing.flow import bead_area, bead_spacing
+
+__all__ = ["EventKind", "Events", "Toolpath", "bead_area", "bead_spacing"]
 
 
 class EventKind(IntEnum):
@@ -89,16 +92,3 @@ class Toolpath:
     @property
     def filament_area_mm2(self) -> float:
         return float(np.pi / 4 * self.filament_diameter_mm**2)
-
-
-def bead_area(width: Array, height: Array) -> Array:
-    """Cross-section of a bead, mm^2: a rectangle with half-round sides (the model of PrusaSlicer's flow page).
-
-    Where the bead is narrower than it is high it is taken as a rectangle of the same width.
-    """
-    return np.where(width > height, (width - height) * height + np.pi / 4 * height**2, width * height)
-
-
-def bead_spacing(width: Array, height: Array) -> Array:
-    """Distance between the centre lines of neighbouring beads that together fill the layer, mm."""
-    return bead_area(width, height) / height
