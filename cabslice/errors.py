@@ -8,6 +8,7 @@ CabsliceError
         ProductError       a file this program wrote earlier, damaged or of another version
         GcodeError         G-code of another slicer
     ImpossibleError   4    the robot cannot make this part as asked
+        PoseError          a pose, length or motor angle outside what the model of the robot covers
     OutputError       5    the result could not be written
 """
 
@@ -67,6 +68,10 @@ class ImpossibleError(CabsliceError):
     def __init__(self, sentence: str, findings: Sequence[Any] = (), **details: Any) -> None:
         super().__init__(sentence, **details)
         self.findings = tuple(findings)
+
+
+class PoseError(ImpossibleError):
+    """Names the cable (from 1), the pose and what was expected."""
 
 
 class OutputError(CabsliceError):

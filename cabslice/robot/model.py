@@ -43,8 +43,8 @@ class WinderColumns:
 
     def __post_init__(self) -> None:
         shape = Shapes("WinderColumns")
-        columns = {name: shape.column(name, getattr(self, name), "m") for name in (
-            "ramp_start", "ramp_end", "home_angle", "max_speed", "continuous_torque", "peak_torque", "inertia", "friction")}
+        names = ("ramp_start", "ramp_end", "home_angle", "max_speed", "continuous_torque", "peak_torque", "inertia")
+        columns = {name: shape.column(name, getattr(self, name), "m") for name in (*names, "friction")}
         columns["radii"] = shape.column("radii", self.radii, "m n")
         columns["centre"] = shape.column("centre", self.centre, "m 3")
         columns["crossed"] = shape.column("crossed", self.crossed, "m", np.bool_)
@@ -76,8 +76,10 @@ class Robot:
 
     def __post_init__(self) -> None:
         shape = Shapes("Robot")
-        columns = {name: shape.column(name, getattr(self, name), "m 3") for name in ("anchors", "attachments", "pulley_axes")}
-        for name in ("pulley_radii", "axial_stiffness", "cable_radii", "clearance", "tension_min", "tension_max", "tension_reference"):
+        vectors = ("anchors", "attachments", "pulley_axes")
+        columns = {name: shape.column(name, getattr(self, name), "m 3") for name in vectors}
+        bounds = ("tension_min", "tension_max", "tension_reference")
+        for name in ("pulley_radii", "axial_stiffness", "cable_radii", "clearance", *bounds):
             columns[name] = shape.column(name, getattr(self, name), "m")
         columns["inertia"] = shape.column("inertia", self.inertia, "3 3")
         columns["centre_of_mass"] = shape.column("centre_of_mass", self.centre_of_mass, "3")
@@ -102,25 +104,25 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
     diameter = np.array([cable.diameter_mm for cable in cables])
     groove = np.array([cable.pulley.groove_radius_mm for cable in cables])
     return Robot(
-        anchors=[cable.anchor_mm for cable in cables],
-        attachments=[cable.attachment_mm for cable in cables],
-        pulley_axes=[cable.pulley.axis for cable in cables],
+        anchors=np.array([cable.anchor_mm for cable in cables]),
+        attachments=np.array([cable.attachment_mm for cable in cables]),
+        pulley_axes=np.array([cable.pulley.axis for cable in cables]),
         pulley_radii=np.where(groove > 0, groove + diameter / 2, 0.0) * pulleys,
         axial_stiffness=np.array([cable.modulus_gpa for cable in cables]) * 1e3 * np.pi / 4 * diameter**2,
         cable_radii=diameter / 2,
-        clearance=[cable.clearance_mm for cable in cables],
-        tension_min=[cable.min_tension_n for cable in cables],
-        tension_max=[cable.max_tension_n for cable in cables],
-        tension_reference=[cable.reference_tension_n for cable in cables],
+        clearance=np.array([cable.clearance_mm for cable in cables]),
+        tension_min=np.array([cable.min_tension_n for cable in cables]),
+        tension_max=np.array([cable.max_tension_n for cable in cables]),
+        tension_reference=np.array([cable.reference_tension_n for cable in cables]),
         mass=printer.platform.mass_kg,
         inertia=np.diag(printer.platform.inertia_kg_mm2),
-        centre_of_mass=printer.platform.centre_of_mass_mm,
-        home=[*printer.platform.home_mm, 0.0, 0.0, 0.0],
-        freedoms=[freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")],
+        centre_of_mass=np.array(printer.platform.centre_of_mass_mm),
+        home=np.array([*printer.platform.home_mm, 0.0, 0.0, 0.0]),
+        freedoms=np.array([freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")]),
         winders=_winders(cables),
-        nozzle=printer.nozzle.offset_mm if printer.nozzle else None,
-        bed_origin=[*printer.bed.centre_mm, printer.bed.z_mm] if printer.bed else None,
-        bed_size=printer.bed.size_mm if printer.bed else None,
+        nozzle=np.array(printer.nozzle.offset_mm) if printer.nozzle else None,
+        bed_origin=np.array([*printer.bed.centre_mm, printer.bed.z_mm]) if printer.bed else None,
+        bed_size=np.array(printer.bed.size_mm) if printer.bed else None,
         name=printer.name,
     )
 
@@ -129,16 +131,16 @@ def _winders(cables: Any) -> WinderColumns:
     winders, motors = [cable.winder for cable in cables], [cable.motor for cable in cables]
     layers = max(winder.layers for winder in winders)
     return WinderColumns(
-        radii=[_layer_radii(winder, layers) for winder in winders],
+        radii=np.array([_layer_radii(winder, layers) for winder in winders]),
         ramp_start=np.radians([winder.ramp_start_deg for winder in winders]),
         ramp_end=np.radians([winder.ramp_end_deg for winder in winders]),
         home_angle=np.radians([winder.home_angle_deg for winder in winders]),
-        centre=[winder.centre_mm for winder in winders],
-        crossed=[winder.routing == "crossed" for winder in winders],
-        max_speed=[motor.max_speed_rad_s for motor in motors],
+        centre=np.array([winder.centre_mm for winder in winders]),
+        crossed=np.array([winder.routing == "crossed" for winder in winders]),
+        max_speed=np.array([motor.max_speed_rad_s for motor in motors]),
         continuous_torque=np.array([motor.continuous_torque_n_m for motor in motors]) * 1e3,
         peak_torque=np.array([motor.peak_torque_n_m for motor in motors]) * 1e3,
-        inertia=[motor.inertia_kg_mm2 for motor in motors],
+        inertia=np.array([motor.inertia_kg_mm2 for motor in motors]),
         friction=np.array([motor.friction_n_m for motor in motors]) * 1e3,
     )
 
