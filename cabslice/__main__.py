@@ -1,0 +1,5 @@
+"""python -m cabslice"""
+
+from cabslice.cli.main import run
+
+run()

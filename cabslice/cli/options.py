@@ -1,0 +1,176 @@
+"""Every option, defined once. Each decorator hands its options over as one frozen value, under the decorator's name."""
+
+from __future__ import annotations
+
+import functools
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cabslice.cli.report import Talk
+from cabslice.errors import OutputError, UsageError
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class Numbers(click.ParamType):
+    """"x y z" or "x,y,z"."""
+
+    def __init__(self, *names: str) -> None:
+        self.names, self.name = names, " ".join(names)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            numbers = tuple(float(word) for word in str(value).replace(",", " ").split())
+        except ValueError:
+            numbers = ()
+        if len(numbers) != len(self.names) or not all(abs(number) < 1e9 for number in numbers):
+            self.fail(f"{value!r} is not {len(self.names)} numbers, expected \"{self.name}\".", param, ctx)
+        return numbers
+
+
+def _gather(name: str, make: Callable[..., Any], options: Mapping[str, Decorator]) -> Decorator:
+    """A decorator that adds `options` and hands them over together as keyword `name`."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def wrapper(**given: Any) -> Any:
+            return function(**{name: make(**{key: given.pop(key) for key in options})}, **given)
+
+        decorated: Callable[..., Any] = wrapper
+        for option in reversed(list(options.values())):
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
+
+
+talk = _gather("talk", Talk, {
+    "json": click.option("--json", is_flag=True, help="Print one JSON object, also on failure."),
+    "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
+    "quiet": click.option("-q", "--quiet", is_flag=True, help="Say nothing but the answer."),
+})
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Names as given on the command line; None where nothing was said."""
+
+    printer: str | None
+    material: str | None
+    process: str | None
+    sets: tuple[str, ...]
+
+    @property
+    def given(self) -> bool:
+        return any((self.printer, self.material, self.process, self.sets))
+
+
+machine = _gather("machine", Machine, {
+    "printer": click.option("-p", "--printer", metavar="NAME|FILE", help="Printer profile; else CABSLICE_PRINTER."),
+    "material": click.option("-m", "--material", metavar="NAME|FILE", help="Material; default: the printer's."),
+    "process": click.option("--process", metavar="NAME|FILE", help="How to slice; default: the printer's."),
+    "sets": click.option("-s", "--set", "sets", multiple=True, metavar="TABLE.KEY=VALUE",
+                         help="Change one key of a profile, checked like the file. Repeatable."),
+})
+
+
+@dataclass(frozen=True)
+class Placing:
+    unit: str
+    scale: float
+    turn: tuple[float, ...]
+    at: tuple[float, ...] | None
+
+    @property
+    def given(self) -> bool:
+        return self != Placing("mm", 1.0, (0.0, 0.0, 0.0), None)
+
+
+placing = _gather("placing", Placing, {
+    "unit": click.option("--unit", type=click.Choice(["um", "mm", "cm", "m", "inch", "foot"]), default="mm",
+                         show_default=True, help="Unit of the model's numbers (3MF carries its own)."),
+    "scale": click.option("--scale", type=click.FloatRange(0, min_open=True), default=1.0,
+                          help="Size of the part times this."),
+    "turn": click.option("--turn", type=Numbers("x", "y", "z"), default=(0.0, 0.0, 0.0),
+                         help="Turn about x, then y, then z, degrees."),
+    "at": click.option("--at", type=Numbers("x", "y"),
+                       help="Where the part's middle stands on the bed, mm; default: the bed's middle."),
+})
+
+
+@dataclass(frozen=True)
+class Output:
+    to: str | None
+    overwrite: bool
+    format: str | None
+
+
+output = _gather("output", Output, {
+    "to": click.option("-o", "--output", "to", metavar="FILE|DIR/|-",
+                       help="Default: the input's name with a new suffix, here."),
+    "overwrite": click.option("--overwrite", is_flag=True, help="Replace the output if it exists."),
+    "format": click.option("--format", metavar="NAME", help="Format of the output, where its suffix does not say."),
+})
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a result goes; path "-" is stdout."""
+
+    path: str
+    format: str
+    overwrite: bool
+
+
+def target(output: Output, source: str, formats: tuple[str, ...], talk: Talk) -> tuple[Target, Talk]:
+    """Where the result goes, and how to talk then. `formats[0]` is the default.
+
+    Found out before any work: UsageError for an unknown suffix, OutputError where the result could not be written.
+    """
+    if output.to == "-":
+        if talk.json:
+            raise UsageError("-o - and --json both want stdout: choose one.")
+        return Target("-", _format(output.format or formats[0], formats), True), replace(talk, aside=True)
+    path = _path(output, source, formats)
+    format = _format(output.format or path.suffix.removeprefix("."), formats)
+    _claim(path, output.overwrite)
+    return Target(str(path), format, output.overwrite), talk
+
+
+def _path(output: Output, source: str, formats: tuple[str, ...]) -> Path:
+    plain = f"{Path(source).stem}.{output.format or formats[0]}"
+    if output.to is None:
+        return Path(plain)
+    if output.to.endswith(("/", os.sep)) or Path(output.to).is_dir():
+        return Path(output.to) / plain
+    return Path(output.to)
+
+
+def _format(name: str, formats: tuple[str, ...]) -> str:
+    if name in formats:
+        return name
+    known = ", ".join(formats)
+    raise UsageError(f"There is no output format {name!r} here; -o's suffix or --format may be: {known}.")
+
+
+def _claim(path: Path, overwrite: bool) -> None:
+    """Refuse now what could not be written at the end."""
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder; end it with / to write into it.", file=str(path))
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path} exists; give --overwrite to replace it, or another -o.", file=str(path))
+    if not path.parent.is_dir():
+        raise OutputError(f"There is no folder {path.parent}; make it, or give another -o.", file=str(path))
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise OutputError(f"Nothing can be written into {path.parent}: {error.strerror}.", file=str(path)) from error
