@@ -25,6 +25,7 @@ from cabslice.robot.nullspace import Balance, balance, blocks, elementary_vector
 PARALLEL = 1e-9      # |mu|_1 below this: the rows of N are dependent and the subset says nothing
 
 Members = tuple[Array, list[Array]]
+Bounds = tuple[Array, Array]      # middle and half range, (m, 1) or (m, K)
 
 
 def tension_rows(
@@ -40,17 +41,17 @@ def tension_rows(
     Raises ValueError where cables are fewer than freedoms, or a lower bound is not below its upper bound.
     """
     count, freedoms, cables = wrench.shape
-    middle, half = _bounds(tension_min, tension_max, cables)
+    middle, half = bounds_of(tension_min, tension_max, cables)
     out = np.empty((4, len(subsets(cables, cables - freedoms + 1)), count))
     for part in blocks(count):
         state = balance(wrench[part], base[part], along_u[part], along_x[part])
         found = elementary_vectors(state.null)
-        width, _ = _widths(found, _part(half, part), state.regular)
+        width, _ = _widths(found, part_of(half, part), state.regular)
         scale = 1.0 / width
         slope_u, slope_x, lowest, highest = out[:, :, part]
         np.multiply(_product(found, state.particular[:, 1]), scale, out=slope_u)
         np.multiply(_product(found, state.particular[:, 2]), scale, out=slope_x)
-        centre = _product(found, _part(middle, part) - state.particular[:, 0]) * scale
+        centre = _product(found, part_of(middle, part) - state.particular[:, 0]) * scale
         reach = np.where(np.isinf(width), np.inf, 1.0)
         reach[:, ~state.regular] = -1.0
         np.subtract(centre, reach, out=lowest)
@@ -65,10 +66,10 @@ def margins(wrench: Array, required: Array, tension_min: Array, tension_max: Arr
     range of tension. Shapes, units and errors as tension_rows; required (K, n).
     """
     count, _, cables = wrench.shape
-    middle, half = _bounds(tension_min, tension_max, cables)
+    middle, half = bounds_of(tension_min, tension_max, cables)
     out = np.empty(count)
     for part in blocks(count):
-        out[part] = margin_of(balance(wrench[part], required[part]), _part(middle, part), _part(half, part))
+        out[part] = margin_of(balance(wrench[part], required[part]), part_of(middle, part), part_of(half, part))
     return out
 
 
@@ -90,19 +91,19 @@ def available_wrenches(wrench: Array, tension_min: Array, tension_max: Array) ->
     Shapes, units and errors as tension_rows.
     """
     count, freedoms, cables = wrench.shape
-    middle, half = _bounds(tension_min, tension_max, cables)
+    middle, half = bounds_of(tension_min, tension_max, cables)
     rows = len(subsets(cables, cables - freedoms + 1))
     normals, offsets = np.empty((count, 2 * rows, freedoms)), np.empty((count, 2 * rows))
     for part in blocks(count):
         unit = np.broadcast_to(np.eye(freedoms)[:, None], (freedoms, len(wrench[part]), freedoms))
         state = balance(wrench[part], *unit)
         found = elementary_vectors(state.null)
-        width, size = _widths(found, _part(half, part), state.regular)
+        width, size = _widths(found, part_of(half, part), state.regular)
         scale = np.where(np.isinf(width), 0.0, 1.0 / size)
         for freedom in range(freedoms):
             normals[part, :rows, freedom] = (_product(found, state.particular[:, freedom]) * scale).T
         normals[part, rows:] = -normals[part, :rows]
-        centre = _product(found, np.broadcast_to(_part(middle, part), state.null[:, 0].shape)) * scale
+        centre = _product(found, np.broadcast_to(part_of(middle, part), state.null[:, 0].shape)) * scale
         reach = width / size
         reach[:, ~state.regular] = -np.inf
         offsets[part, :rows], offsets[part, rows:] = (reach + centre).T, (reach - centre).T
@@ -133,8 +134,8 @@ def _widths(found: Members, half: Array, regular: Array) -> tuple[Array, Array]:
     return width, size
 
 
-def _bounds(tension_min: Array, tension_max: Array, cables: int) -> tuple[Array, Array]:
-    """Middle and half range of the bounds, (m, 1) or (m, K)."""
+def bounds_of(tension_min: Array, tension_max: Array, cables: int) -> Bounds:
+    """Middle and half range of bounds given as (m,) or (K, m), batch last: (m, 1) or (m, K)."""
     lower, upper = (np.atleast_2d(np.asarray(bound, dtype=float)).T for bound in (tension_min, tension_max))
     lower, upper = np.broadcast_arrays(lower, upper)
     if len(lower) != cables:
@@ -144,5 +145,6 @@ def _bounds(tension_min: Array, tension_max: Array, cables: int) -> tuple[Array,
     return (lower + upper) / 2, (upper - lower) / 2
 
 
-def _part(bound: Array, part: slice) -> Array:
-    return bound if bound.shape[1] == 1 else bound[:, part]
+def part_of(column: Array, part: slice) -> Array:
+    """The poses of a block; a column (m, 1) is shared by all of them."""
+    return column if column.shape[1] == 1 else column[:, part]
