@@ -49,7 +49,7 @@ class Shapes:
         return self.sizes.setdefault(letter, length - extra) + extra
 
 
-def set_columns(value: Any, **columns: Array) -> None:
+def set_columns(value: Any, /, **columns: Array) -> None:
     """Store checked columns into a frozen dataclass from its __post_init__."""
     for name, column in columns.items():
         object.__setattr__(value, name, column)

@@ -1,0 +1,238 @@
+"""The finished motion judged by someone who did not plan it.
+
+Positions are taken from the trajectory at even times; speeds and accelerations are their finite differences, and
+tensions are found anew from them. Nothing of the planner is used: not its rows, not its grid, not its derivatives.
+
+Legend
+    p_k          position at time k dt;  v = (p_k+1 - p_k-1) / 2 dt;  a = (p_k+1 - 2 p_k + p_k-1) / dt^2
+    share        value over limit; above 1 is a finding
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.feasibility.findings import Finding, Verdict
+from cabslice.robot.model import Robot
+from cabslice.robot.tension import nearest_tension
+from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.timing.trajectory import Trajectory, sample
+from cabslice.toolpath.path import Toolpath
+
+STEP_S = 1e-3
+BLOCK_ROWS = 20_000
+ROUNDING = 1e-6             # of a limit: finite differences are not exact
+BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
+PLACE_MM = 1e-6
+Progress = Callable[[int, int], None]
+
+UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
+         "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s"}
+
+
+@dataclass
+class Worst:
+    """Largest share of each limit seen so far, and where: code -> (share, value, limit, time, move, cable)."""
+
+    seen: dict[str, tuple[float, float, float, float, int, int]] = field(default_factory=dict)
+
+    def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
+        if not len(value):
+            return
+        limit = np.broadcast_to(limit, value.shape)
+        share = np.where(value > 0, value / np.maximum(limit, 1e-300), 0.0)
+        at = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
+        entry = (float(share[at]), float(value[at]), float(limit[at]), float(times[at]), int(move[at]), cable)
+        if code not in self.seen or not entry[0] <= self.seen[code][0]:
+            self.seen[code] = entry
+
+    def merge(self, other: Worst) -> None:
+        for code, entry in other.seen.items():
+            if code not in self.seen or not entry[0] <= self.seen[code][0]:
+                self.seen[code] = entry
+
+
+@dataclass(frozen=True)
+class Subject:
+    trajectory: Trajectory
+    toolpath: Toolpath
+    robot: Robot
+    printer: Any
+    material: Any
+    process: Any
+    step: float
+    asked: Array          # (N,) mm/s asked of the nozzle in each move; 0 where only filament moves
+
+
+def audit(
+    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    *, step_s: float = STEP_S, jobs: int = 1, progress: Progress | None = None,
+) -> Verdict:
+    """Samples the motion every step_s seconds and says whether it keeps every limit.
+
+    Margins of the verdict are the largest shares of each limit used (1 is the limit), tension in N as the smallest
+    distance to a bound.
+    """
+    asked = np.where(toolpath.lengths > 0, toolpath.speed, 0.0)
+    subject = Subject(trajectory, toolpath, robot, printer, material, process, step_s, asked)
+    worst, blocks = Worst(), list(_blocks(trajectory.duration, step_s))
+    with ThreadPoolExecutor(jobs) as pool:
+        for done, found in enumerate(pool.map(lambda block: _judge(subject, *block), blocks)):
+            worst.merge(found)
+            if progress:
+                progress(done + 1, len(blocks))
+    worst.merge(_vertices(subject))
+    worst.merge(_ends(subject))
+    return _verdict(subject, worst, blocks[-1][1] if blocks else 0)
+
+
+def _blocks(duration: float, step: float) -> Iterator[tuple[int, int]]:
+    last = int(np.ceil(duration / step)) + 1
+    for first in range(0, last, BLOCK_ROWS):
+        yield first, min(first + BLOCK_ROWS, last)
+
+
+def _judge(subject: Subject, first: int, last: int) -> Worst:
+    """Rows first..last-1 of the even times, with one neighbour on each side."""
+    step, toolpath = subject.step, subject.toolpath
+    times = np.arange(first - 1, last + 1) * step
+    seen = sample(subject.trajectory, times)
+    place, move = seen.poses[:, :3], seen.move
+    velocity = (place[2:] - place[:-2]) / (2 * step)
+    accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
+    worst, now, at = Worst(), times[1:-1], move[1:-1]
+    around = np.stack((move[:-2], move[1:-1], move[2:]))
+    _kinematic(subject, worst, now, at, around, velocity, accel)
+    _feeding(subject, worst, now, at, around, seen.filament)
+    _cables(subject, worst, now, at, seen.poses[1:-1], accel)
+    off = distance_to_path(toolpath, place[1:-1] - subject.trajectory.to_pose, at)
+    worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
+    return worst
+
+
+def _kinematic(
+    subject: Subject, worst: Worst, now: Array, at: Array, around: Array, velocity: Array, accel: Array
+) -> None:
+    motion = subject.printer.motion
+    speed = np.linalg.norm(velocity, axis=1)
+    worst.see("speed", speed, motion.max_speed_mm_s, now, at)
+    single = around[0] == around[2]
+    asked = np.maximum(subject.asked[at], 1e-9)
+    worst.see("feature-speed", speed[single], asked[single], now[single], at[single])
+    if motion.max_acceleration_mm_s2:
+        worst.see("acceleration", np.abs(accel).max(axis=1), motion.max_acceleration_mm_s2, now, at)
+
+
+def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Array, filament: Array) -> None:
+    extruder, step = subject.printer.extruder, subject.step
+    feed = np.diff(filament) / step                                    # mean over each step
+    both = np.maximum(np.abs(feed[1:]), np.abs(feed[:-1]))
+    worst.see("filament-speed", both, extruder.max_speed_mm_s, now, at)
+    single = (around[0] == around[2]) & (subject.asked[at] > 0)
+    flow = both[single] * subject.toolpath.filament_area_mm2
+    melted = min(extruder.max_flow_mm3_s, subject.material.max_flow_mm3_s)
+    worst.see("flow", flow, melted, now[single], at[single])
+    jump = extruder.max_jump_mm_s * np.maximum(around[2] - around[0], 1) + extruder.max_acceleration_mm_s2 * 2 * step
+    worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
+
+
+def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> None:
+    """Tensions that hold the platform on the motion exist within the bounds: found, then verified on the spot."""
+    robot = subject.robot
+    accels = np.hstack((accel, np.zeros_like(accel)))
+    required = required_wrench(robot, poses, np.zeros_like(accels), accels)
+    found = nearest_tension(robot, poses, required)
+    free = robot.freedoms
+    supplied = np.einsum("kfm,km->kf", wrench_matrix(robot, poses), np.nan_to_num(found.tension))
+    arm = max(float(np.abs(robot.attachments).max()), 1.0)
+    missing = np.abs(supplied - required) / np.where(np.arange(6) < 3, 1.0, arm)
+    held = found.feasible & (missing[:, free] <= BALANCE * robot.tension_max.max()).all(axis=1)
+    half, middle = (robot.tension_max - robot.tension_min) / 2, (robot.tension_max + robot.tension_min) / 2
+    share = np.where(held[:, None], np.abs(found.tension - middle) / half, np.inf)
+    for cable in range(robot.cables):
+        worst.see("tension", share[:, cable], np.ones(len(now)), now, at, cable + 1)
+
+
+def distance_to_path(toolpath: Toolpath, xyz: Array, move: Array) -> Array:
+    """(K,) mm from points (K, 3) to the polyline near moves (K,): the move itself and its two neighbours."""
+    last = len(toolpath.xyz) - 1
+    near = [np.clip(move + offset, 1, last) for offset in (-1, 0, 1)]
+    return np.min([_to_segment(xyz, toolpath.xyz[k - 1], toolpath.xyz[k]) for k in near], axis=0)
+
+
+def _to_segment(point: Array, start: Array, end: Array) -> Array:
+    along = end - start
+    share = np.einsum("ki,ki->k", point - start, along) / np.maximum(np.einsum("ki,ki->k", along, along), 1e-300)
+    return np.linalg.norm(point - start - np.clip(share, 0, 1)[:, None] * along, axis=1)
+
+
+def _vertices(subject: Subject) -> Worst:
+    """Every vertex of the toolpath is passed within the corner tolerance, at the time its move begins."""
+    trajectory, toolpath = subject.trajectory, subject.toolpath
+    moves = np.arange(toolpath.starts[0], toolpath.starts[-1])
+    times = trajectory.time[np.searchsorted(trajectory.move, moves, side="left")]
+    worst = Worst()
+    for first in range(0, len(moves), BLOCK_ROWS):
+        part = slice(first, first + BLOCK_ROWS)
+        place = sample(trajectory, times[part]).poses[:, :3] - trajectory.to_pose
+        off = np.linalg.norm(place - toolpath.xyz[moves[part] - 1], axis=1)
+        worst.see("vertex", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, times[part], moves[part])
+    return worst
+
+
+def _ends(subject: Subject) -> Worst:
+    """The motion ends at the last vertex with all filament fed, and rests at both ends of every piece."""
+    trajectory, toolpath = subject.trajectory, subject.toolpath
+    end = sample(trajectory, np.array([trajectory.duration]))
+    missing = np.linalg.norm(end.poses[:, :3] - trajectory.to_pose - toolpath.xyz[-1:], axis=1)
+    worst, last = Worst(), np.array([len(toolpath.xyz) - 1])
+    at_end = np.array([trajectory.duration])
+    worst.see("vertex", np.maximum(missing - PLACE_MM, 0), subject.process.corner_mm, at_end, last)
+    lost = np.abs(end.filament - toolpath.filament.sum())
+    worst.see("filament", lost, np.full(1, 1e-6), at_end, last)
+    ends = trajectory.pieces[1:] - 1
+    rate = np.sqrt(np.maximum(trajectory.x[ends], trajectory.x[trajectory.pieces[:-1]]))
+    worst.see("rest", rate, np.full(len(rate), 1e-6), trajectory.time[ends], trajectory.move[ends])
+    return worst
+
+
+SENTENCES = {
+    "speed": "the nozzle moves faster than the machine may",
+    "feature-speed": "the nozzle moves faster than asked for this feature",
+    "acceleration": "the nozzle accelerates more than the machine may",
+    "flow": "more plastic is asked for than the hot end melts",
+    "filament-speed": "the filament is fed faster than the extruder may",
+    "filament-step": "the feed of filament steps harder than the extruder follows",
+    "tension": "no cable tensions within bounds produce this motion",
+    "path": "the nozzle leaves the toolpath by more than the corner tolerance",
+    "vertex": "a vertex of the toolpath is passed too far away",
+    "filament": "filament was lost",
+    "rest": "a piece does not start and end at rest",
+}
+
+
+def _verdict(subject: Subject, worst: Worst, rows: int) -> Verdict:
+    seen = sorted(worst.seen.items())
+    names = ", ".join(code for code, _ in seen)
+    checked = (f"the finished motion at {rows} times {subject.step * 1e3:g} ms apart: {names}",)
+    findings = tuple(_finding(subject, code, entry) for code, entry in seen if not entry[0] <= 1 + ROUNDING)
+    margins = {f"{code.replace('-', '_')}_share": entry[0] for code, entry in seen}
+    return Verdict(checked, findings, margins)
+
+
+def _finding(subject: Subject, code: str, entry: tuple[float, float, float, float, int, int]) -> Finding:
+    _, value, limit, time, move, cable = entry
+    layer = int(subject.toolpath.layer[move])
+    x, y, z = (float(number) for number in subject.toolpath.xyz[move])
+    unit = UNITS[code] if code != "tension" else "of the range"
+    named = f" (cable {cable})" if cable else ""
+    sentence = (f"layer {layer}: {SENTENCES[code]}{named} at {time:.3f} s, nozzle near x {x:.1f} y {y:.1f} "
+                f"z {z:.1f} mm: {value:.4g}, limit {limit:.4g} {unit}")
+    advice = "report this: the plan should have kept it"
+    return Finding(code, layer, (x, y, z), cable, value, limit, unit, sentence, advice)

@@ -1,0 +1,164 @@
+"""What limits the motion, in one form: rows  a u + b x <= 1  at each node, and the largest x whatever u is.
+
+Legend
+    u, x         d2s/dt2 (mm/s^2) and (ds/dt)^2 (mm^2/s^2) of the path parameter
+    q', q''      derivatives of the nozzle by s; the platform is level, so its acceleration is q' u + q'' x
+    L', L''      derivatives of the cable lengths by s: L' = J q', L'' = J q'' + q' H q'
+    two-sided row   lo <= a u + b x <= hi with lo < 0 < hi: rest is inside, and dividing by hi and by lo scales to 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.robot.kinematics import length_accelerations
+from cabslice.robot.model import Robot
+from cabslice.robot.reach import tension_rows
+from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.timing.grid import Grid
+from cabslice.timing.path import Path
+from cabslice.toolpath.path import Toolpath
+
+RESERVE = 0.03          # share of every dynamic range kept back for what happens between two nodes
+TORQUE_SHARE = 0.02     # share of the continuous torque kept for turning the winders themselves
+NO_SPEED_LIMIT = 1e12   # mm^2/s^2
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Everything but the cables that bounds the motion; absent bounds are inf."""
+
+    acceleration: float          # mm/s^2 per axis
+    speed: float                 # mm/s
+    flow: float                  # mm^3/s
+    feed_speed: float            # mm/s of filament
+    feed_acceleration: float     # mm/s^2 of filament
+    feed_jump: float             # mm/s of filament
+
+
+def limits_of(printer: Any, material: Any) -> Limits:
+    """Limits from the profiles (cabslice.profile.printer.Printer, .material.Material)."""
+    motion, extruder = printer.motion, printer.extruder
+    return Limits(
+        acceleration=motion.max_acceleration_mm_s2 or np.inf,
+        speed=motion.max_speed_mm_s,
+        flow=min(extruder.max_flow_mm3_s, material.max_flow_mm3_s),
+        feed_speed=extruder.max_speed_mm_s,
+        feed_acceleration=extruder.max_acceleration_mm_s2,
+        feed_jump=extruder.max_jump_mm_s,
+    )
+
+
+Block = tuple[Array, Array, Array, Array]     # a, b, lo, hi, each (R, K)
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,)."""
+
+    poses: Array
+    d1: Array
+    d2: Array
+    feed: Array
+
+
+def rows(robot: Robot, limits: Limits, nodes: Nodes, report: Callable[[Array], None]) -> tuple[Array, Array]:
+    """Rows a u + b x <= 1, a and b (K, R).
+
+    `report` is called with the (K,) margins (N) when some pose cannot even be held at rest; it must raise.
+    """
+    blocks = [_tension(robot, nodes, report), *_winding(robot, nodes), _axes(limits, nodes), _feeding(limits, nodes)]
+    a = np.concatenate([side for block in blocks for side in _one_sided(block[0], block)])
+    b = np.concatenate([side for block in blocks for side in _one_sided(block[1], block)])
+    return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
+
+
+def _one_sided(values: Array, block: Block) -> tuple[Array, Array]:
+    _, _, low, high = block
+    return values / (high * (1 - RESERVE)), values / (low * (1 - RESERVE))
+
+
+def _tension(robot: Robot, nodes: Nodes, report: Callable[[Array], None]) -> Block:
+    """A tension within bounds exists: exact (domain of the wrench, projected on u and x)."""
+    free = robot.freedoms
+    base = required_wrench(robot, nodes.poses)
+    along_u = required_wrench(robot, nodes.poses, np.zeros_like(nodes.d1), nodes.d1) - base
+    along_x = required_wrench(robot, nodes.poses, nodes.d1, nodes.d2) - base
+    a, b, low, high = tension_rows(
+        wrench_matrix(robot, nodes.poses)[:, free], base[:, free], along_u[:, free], along_x[:, free],
+        robot.tension_min, highest_tension(robot))
+    margin = np.minimum(high, -low).min(axis=0)
+    if (margin <= 0).any():
+        report(margin)
+    return a, b, low, high
+
+
+def highest_tension(robot: Robot) -> Array:
+    """(m,) N: the bound of the cable, or what the motor holds for ever on the outermost layer if that is less."""
+    if robot.winders is None:
+        return robot.tension_max
+    winders = robot.winders
+    torque = winders.continuous_torque * (1 - TORQUE_SHARE) - winders.friction
+    return np.minimum(robot.tension_max, torque / winders.radii.max(axis=1))
+
+
+def _winding(robot: Robot, nodes: Nodes) -> list[Block]:
+    """|winder acceleration| stays within the torque kept for it."""
+    winders = robot.winders
+    if winders is None or not (winders.inertia > 0).any():
+        return []
+    still = np.zeros_like(nodes.d1)
+    first = length_accelerations(robot, nodes.poses, still, nodes.d1).T
+    second = length_accelerations(robot, nodes.poses, nodes.d1, nodes.d2).T
+    torque = TORQUE_SHARE * winders.continuous_torque
+    cap = torque / (np.maximum(winders.inertia, 1e-12) * 1e-3) * winders.radii.min(axis=1)   # mm/s^2 of cable
+    high = np.broadcast_to(cap[:, None], first.shape)
+    return [(first, second, -high, high)]
+
+
+def _axes(limits: Limits, nodes: Nodes) -> Block:
+    a, b = nodes.d1[:, :3].T, nodes.d2[:, :3].T
+    high = np.full(a.shape, limits.acceleration)
+    return a, b, -high, high
+
+
+def _feeding(limits: Limits, nodes: Nodes) -> Block:
+    a = nodes.feed[None]
+    high = np.full(a.shape, limits.feed_acceleration)
+    return a, np.zeros_like(a), -high, high
+
+
+def speed_limit(toolpath: Toolpath, path: Path, limits: Limits) -> Array:
+    """(N,) mm/s, largest ds/dt in each move: asked speed, machine, melt flow, filament drive.
+
+    In an extrude-only move s is filament, so only the filament's own limits hold.
+    """
+    travel = toolpath.lengths > 0
+    feed = np.abs(path.feed)
+    melting = travel & (feed > 0)
+    by_flow = np.where(melting, limits.flow / np.maximum(feed * toolpath.filament_area_mm2, 1e-12), np.inf)
+    by_drive = np.where(feed > 0, limits.feed_speed / np.maximum(feed, 1e-12), np.inf)
+    return np.minimum.reduce([toolpath.speed, np.where(travel, limits.speed, np.inf), by_flow, by_drive])
+
+
+def highest_x(grid: Grid, path: Path, limits: Limits, speed: Array) -> tuple[Array, Array]:
+    """Largest x at the start and at the end of every interval, (I,) each, from speed (N,) and filament steps."""
+    top = speed[grid.move] ** 2
+    jump = np.abs(np.diff(path.feed, append=path.feed[-1:]))
+    through = np.where(jump > 0, (limits.feed_jump / np.maximum(jump, 1e-12)) ** 2, NO_SPEED_LIMIT)
+    at_end = np.minimum(top, np.where(grid.high >= path.length[grid.move], through[grid.move], NO_SPEED_LIMIT))
+    return top, at_end
+
+
+def winder_speed_x(robot: Robot, nodes: Nodes) -> Array:
+    """(K,) mm^2/s^2, largest x that keeps every winder within its speed on its innermost layer."""
+    if robot.winders is None:
+        return np.full(len(nodes.poses), NO_SPEED_LIMIT)
+    per_s = np.abs(length_accelerations(robot, nodes.poses, np.zeros_like(nodes.d1), nodes.d1))
+    limit = robot.winders.max_speed * robot.winders.radii.min(axis=1) * (1 - RESERVE)
+    return ((limit / np.maximum(per_s, 1e-9)) ** 2).min(axis=1)

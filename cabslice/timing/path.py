@@ -1,0 +1,120 @@
+"""The toolpath made smooth: a C2 curve whose parameter is the length along the polyline.
+
+Legend
+    k        move of the toolpath: the segment from vertex k-1 to vertex k; L_k its length, d_k its direction
+    h_k      half-length of the blend at vertex k, 0 where the nozzle stops there
+    s        path parameter, mm along the polyline of a piece; sigma = s within move k
+    q, q', q''   nozzle position and its derivatives by s
+
+At a vertex P with directions d0, d1 the curve leaves the polyline h before P and returns h after it:
+
+    q'(t) = d0 + (d1 - d0) (3 t^2 - 2 t^3),    t = (sigma + h) / 2h,   sigma measured from P
+
+which integrates to a quartic (the Bezier curve with control points P - h d0, P - h/2 d0, P, P + h/2 d1, P + h d1),
+so that q'' is zero at both ends and |q'| <= 1. It is farthest from P in its middle: 3/16 h |d1 - d0|.
+As s runs along the polyline, filament is a piecewise linear function of s and no bead loses any.
+An extrude-only move has its filament as length and the zero vector as direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.toolpath.path import Toolpath
+
+DEVIATION = 3.0 / 16.0   # of h |d1 - d0|
+
+
+@dataclass(frozen=True)
+class Path:
+    """Columns over the moves of a toolpath, row 0 unused."""
+
+    vertex: Array       # (N, 3) mm, bed coordinates
+    direction: Array    # (N, 3) unit, or 0 for extrude-only moves
+    length: Array       # (N,) mm; filament length for extrude-only moves
+    start: Array        # (N,) mm, s at the start of the move within its piece
+    half: Array         # (N,) mm, h at the vertex that ends the move
+    feed: Array         # (N,) mm filament per mm of s
+    filament: Array     # (N,) mm fed before the move starts, from the start of the toolpath
+
+    def __post_init__(self) -> None:
+        shape = Shapes("Path")
+        names = ("length", "start", "half", "feed", "filament")
+        columns = {name: shape.column(name, getattr(self, name), "N") for name in names}
+        columns |= {name: shape.column(name, getattr(self, name), "N 3") for name in ("vertex", "direction")}
+        set_columns(self, **columns)
+
+
+def smooth(toolpath: Toolpath, corner_mm: float) -> Path:
+    """Round every corner inside a piece so that the curve stays within corner_mm of the polyline and of each vertex."""
+    lengths = toolpath.lengths
+    moves = lengths > 0
+    span = np.where(moves, lengths, np.abs(toolpath.filament))
+    step = np.diff(toolpath.xyz, axis=0, prepend=toolpath.xyz[:1])
+    direction = np.where(moves[:, None], step / np.where(moves, lengths, 1.0)[:, None], 0.0)
+    return Path(
+        vertex=toolpath.xyz,
+        direction=direction,
+        length=span,
+        start=_within_piece(span, toolpath.starts),
+        half=_half_lengths(direction, lengths, toolpath.starts, corner_mm),
+        feed=toolpath.filament / np.where(span > 0, span, 1.0),
+        filament=np.cumsum(toolpath.filament) - toolpath.filament,
+    )
+
+
+def _within_piece(span: Array, starts: Array) -> Array:
+    """s at the start of each move: the running length, set back to 0 where a piece starts."""
+    before = np.cumsum(span) - span
+    before[starts[0]:] -= np.repeat(before[starts[:-1]], np.diff(starts))
+    return before
+
+
+def _half_lengths(direction: Array, lengths: Array, starts: Array, corner_mm: float) -> Array:
+    turn = np.linalg.norm(direction[1:] - direction[:-1], axis=1)        # |d1 - d0| at vertices 0..N-2
+    room = np.minimum(lengths[1:], lengths[:-1]) / 2
+    half = np.zeros(len(lengths))
+    half[:-1] = np.minimum(room, corner_mm / (DEVIATION * np.maximum(turn, 1e-12)))
+    half[:-1][turn < 1e-9] = 0.0
+    half[starts - 1] = 0.0                                              # the nozzle stops at the ends of a piece
+    return half
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Curve and derivatives by s at K places: q, d1 = q', d2 = q'' (K, 3); filament (K,) mm fed since the start."""
+
+    q: Array
+    d1: Array
+    d2: Array
+    filament: Array
+
+
+def evaluate(path: Path, move: Array, sigma: Array) -> Motion:
+    """The curve at distance sigma (K,) mm into moves (K,), 0 <= sigma <= length."""
+    after = sigma - path.length[move]                                    # distance to the vertex at the end, <= 0
+    h_in, h_out = path.half[move - 1], path.half[move]
+    coming, leaving = sigma < h_in, (-after < h_out)
+    corner = np.where(coming, move - 1, move)
+    d0 = path.direction[corner]
+    d1 = path.direction[np.minimum(corner + 1, len(path.length) - 1)]
+    h = np.where(coming, h_in, np.where(leaving, h_out, 0.0))
+    along = np.where(coming, sigma, after)                              # signed distance from the vertex of the corner
+    blend = h > 0
+    t = np.where(blend, (along + h) / np.where(blend, 2 * h, 1.0), 0.0)
+    turn = np.where(blend[:, None], d1 - d0, 0.0)
+    base = np.where(blend[:, None], d0, path.direction[move])
+    q = path.vertex[np.where(blend, corner, move)] + np.where(blend, along, after)[:, None] * base
+    q = q + (2 * h * t**3 * (1 - t / 2))[:, None] * turn
+    first = base + (t * t * (3 - 2 * t))[:, None] * turn
+    second = np.where(blend, 6 * t * (1 - t) / np.where(blend, 2 * h, 1.0), 0.0)[:, None] * turn
+    return Motion(q, first, second, path.filament[move] + path.feed[move] * sigma)
+
+
+def deviation(path: Path) -> Array:
+    """(N,) mm, distance between each vertex and the curve: the largest the curve leaves the polyline there."""
+    turn = np.linalg.norm(np.diff(path.direction, axis=0, append=path.direction[-1:]), axis=1)
+    return DEVIATION * path.half * turn

@@ -1,0 +1,155 @@
+"""The plan against analytic answers, against toppra, and judged by the audit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import cabfab_optim
+from timing_cases import MATERIAL, PRINTER, PROCESS, polyline, print_like
+
+from cabslice.errors import ImpossibleError
+from cabslice.timing import recursion, stock
+from cabslice.timing.audit import audit
+from cabslice.timing.limits import Nodes, limits_of, rows
+from cabslice.timing.retime import plan
+from cabslice.timing.trajectory import sample
+
+ROBOT = cabfab_optim()
+
+
+def planned(toolpath, **options):
+    return plan(toolpath, ROBOT, PRINTER, MATERIAL, PROCESS, **options)
+
+
+def judged(trajectory, toolpath, **options):
+    return audit(trajectory, toolpath, ROBOT, PRINTER, MATERIAL, PROCESS, **options)
+
+
+def test_a_double_integrator_is_driven_bang_bang():
+    """|u| <= A on a straight line from rest to rest: x = 2 A min(s, L - s), capped."""
+    s = np.linspace(0, 10, 401)
+    a = np.tile([1 / 5000, -1 / 5000], (401, 1))
+    x = recursion.retime(a, np.zeros_like(a), np.full(401, 3e4), np.append(np.diff(s), 0), np.array([0, 401]))
+    np.testing.assert_allclose(x, np.minimum(3e4, 2 * 5000 * np.minimum(s, 10 - s)), rtol=1e-9, atol=1e-9)
+
+
+def test_the_compiled_engine_gives_the_answer_of_toppra():
+    caught = []
+
+    def both(a, b, top, step, nodes):
+        ours, theirs = recursion.retime(a, b, top, step, nodes), stock.retime(a, b, top, step, nodes)
+        caught.append(np.abs(ours - theirs).max() / theirs.max())
+        return ours
+
+    for seed in range(3):
+        toolpath = polyline(seed, 25)
+        from cabslice.timing import retime
+        task = retime.Task(ROBOT, *_task(toolpath), both)
+        for first, last in retime._blocks(task.grid.intervals):
+            retime._plan_block(task, first, last)
+    assert len(caught) >= 3
+    assert max(caught) < 1e-5
+
+
+def _task(toolpath):
+    from cabslice.timing.grid import lay_grid
+    from cabslice.timing.limits import speed_limit
+    from cabslice.timing.path import smooth
+    path, limits = smooth(toolpath, PROCESS.corner_mm), limits_of(PRINTER, MATERIAL)
+    return limits, toolpath, path, lay_grid(path, toolpath.starts), speed_limit(toolpath, path, limits)
+
+
+def test_toppra_as_engine_plans_the_same_motion():
+    toolpath = polyline(5, 12)
+    ours, theirs = planned(toolpath), planned(toolpath, engine="toppra")
+    assert theirs.duration == pytest.approx(ours.duration, rel=1e-5)
+
+
+def test_rest_has_slack_one_in_every_row():
+    """Rows are scaled so that u = x = 0 is inside by exactly 1, and hold where a tension exists (LP)."""
+    from scipy.optimize import linprog
+
+    from cabslice.robot.wrench import required_wrench, wrench_matrix
+    rng = np.random.default_rng(2)
+    poses = np.zeros((6, 6))
+    poses[:, :3] = rng.uniform(-150, 150, (6, 3)) - [0, 0, 150]
+    d1, d2 = np.zeros((2, 6, 6))
+    d1[:, :3], d2[:, :3] = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
+    free = replace(ROBOT, winders=None)
+    limits = limits_of(PRINTER, MATERIAL)
+    a, b = rows(free, limits, Nodes(poses, d1, d2, np.zeros(6)), lambda margin: pytest.fail("cannot rest"))
+    agreed = 0
+    for k in range(6):
+        for u, x in zip(rng.uniform(-6e4, 6e4, 25), rng.uniform(0, 6e4, 25), strict=True):
+            worst = (a[k] * u + b[k] * x).max()
+            need = required_wrench(free, poses[[k]], d1[[k]] * 0, d1[[k]] * u + d2[[k]] * x)[0]
+            answer = linprog(np.zeros(8), A_eq=wrench_matrix(free, poses[[k]])[0], b_eq=need,
+                             bounds=list(zip(free.tension_min, free.tension_max, strict=True)))
+            if worst <= 1.0:
+                assert answer.status == 0
+            if worst > 1 / (1 - 0.031):
+                assert answer.status == 2
+                agreed += 1
+    assert agreed > 20
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_audit_passes_what_was_planned_and_the_motion_is_fast(seed):
+    toolpath = print_like(seed)
+    trajectory = planned(toolpath)
+    verdict = judged(trajectory, toolpath, step_s=5e-4)
+    assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    assert verdict.margins["tension_share"] > 0.8 or verdict.margins["flow_share"] > 0.95
+    assert verdict.margins["feature_speed_share"] > 0.95
+
+
+@given(st.integers(0, 10_000), st.integers(2, 30))
+@settings(max_examples=15, deadline=None)
+def test_no_random_path_breaks_a_limit_or_stops_inside_a_piece(seed, count):
+    toolpath = polyline(seed, count)
+    trajectory = planned(toolpath)
+    verdict = judged(trajectory, toolpath, step_s=5e-4)
+    assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    ends = np.concatenate((trajectory.pieces[:-1], trajectory.pieces[1:] - 1))
+    inner = np.setdiff1d(np.arange(len(trajectory.x)), ends)
+    assert (trajectory.x[inner] > 1.0).all()
+    assert (trajectory.x[ends] == 0).all()
+
+
+def test_accelerations_are_the_finite_differences_of_the_positions():
+    toolpath = print_like(1)
+    trajectory = planned(toolpath)
+    step = 2e-5
+    times = np.random.default_rng(0).uniform(0.01, trajectory.duration - 0.01, 3000)
+    low, here, high = (sample(trajectory, times + shift) for shift in (-step, 0, step))
+    accel = (high.poses - 2 * here.poses + low.poses) / step**2
+    around = np.stack((low.accels, here.accels, high.accels))
+    inside = ((accel >= around.min(axis=0) - 30) & (accel <= around.max(axis=0) + 30)).all(axis=1)
+    assert inside.mean() > 0.97          # the rest straddle a node, where the acceleration may step twice
+    np.testing.assert_allclose((high.poses - low.poses) / (2 * step), here.rates, atol=1.0)
+
+
+def test_threads_do_not_change_a_bit():
+    toolpath = print_like(0)
+    one, two = planned(toolpath), planned(toolpath, jobs=2)
+    np.testing.assert_array_equal(one.time, two.time)
+
+
+@pytest.mark.parametrize(("change", "code"), [
+    (lambda t: replace(t, time=t.time * 0.9), "feature-speed"),
+    (lambda t: replace(t, x=np.where(np.arange(len(t.x)) == 40, t.x * 9, t.x)), "tension"),
+    (lambda t: replace(t, to_pose=t.to_pose + np.array([0, 0, 700.0])), "tension"),
+])
+def test_the_audit_sees_a_spoilt_motion(change, code):
+    toolpath = print_like(0)
+    verdict = judged(change(planned(toolpath)), toolpath, step_s=5e-4)
+    assert code in {finding.code for finding in verdict.findings}
+    assert all("layer 0" in finding.sentence for finding in verdict.findings)
+
+
+def test_a_path_the_platform_cannot_rest_on_is_refused_with_the_place():
+    toolpath = polyline(points=[[0, 0, 1], [10, 0, 1], [900, 0, 1]], pieces=1)
+    with pytest.raises(ImpossibleError, match=r"layer 0: no cable tensions .* nozzle near"):
+        planned(toolpath)
