@@ -25,7 +25,7 @@ from cabslice.timing.path import Path
 from cabslice.toolpath.path import Toolpath
 
 RESERVE = 0.03          # share of every dynamic range kept back for what happens between two nodes
-TORQUE_SHARE = 0.02     # share of the continuous torque kept for turning the winders themselves
+TORQUE_SHARE = 0.05     # share of the continuous torque kept for turning the winders themselves
 NO_SPEED_LIMIT = 1e12   # mm^2/s^2
 
 
