@@ -141,7 +141,7 @@ def test_threads_do_not_change_a_bit():
 @pytest.mark.parametrize(("change", "code"), [
     (lambda t: replace(t, time=t.time * 0.9), "feature-speed"),
     (lambda t: replace(t, time=t.time / 3, x=t.x * 9), "tension"),
-    (lambda t: replace(t, to_pose=t.to_pose + np.array([0, 0, 700.0])), "tension"),
+    (lambda t: replace(t, to_pose=t.to_pose + np.array([420.0, 0, 0])), "tension"),
 ])
 def test_the_audit_sees_a_spoilt_motion(change, code):
     toolpath = print_like(0)
