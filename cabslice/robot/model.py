@@ -14,7 +14,8 @@ Forces in N, moments in N mm; 1 kg mm/s^2 = 1e-3 N and 1 kg mm^2/s^2 = 1e-3 N mm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,30 +26,89 @@ NEWTON = 1e-3                                  # N per kg mm/s^2, and N mm per k
 GRAVITY = np.array([0.0, 0.0, -9806.65])       # mm/s^2
 
 
+def _zero() -> Array:
+    return np.zeros(())
+
+
+def _one() -> Array:
+    return np.ones(())
+
+
+def _unknown() -> Array:
+    return np.array(np.nan)
+
+
 @dataclass(frozen=True)
 class WinderColumns:
-    """Winders of all cables as columns (see robot.winder for the maths)."""
+    """Winders of all cables as columns (see robot.winder for the maths).
+
+    One description holds every kind: the radius at spool angle phi is that of the ramps plus `slope` times phi.
+        radial           layers and ramps
+        spiral           one layer (or equal ones), slope > 0, span
+        helical drum     one layer, axial > 0, span
+        build-up spool   spiral with slope = lines per spool x build-up factor / 2, gear and advantage (Hangprinter)
+    """
 
     radii: Array          # (m, n) mm, radius of the cable's centre line in layers 0..n-1
     ramp_start: Array     # (m,) rad, motor angle where layer 0 begins to climb
     ramp_end: Array       # (m,) rad, motor angle where layer 1 is reached
     home_angle: Array     # (m,) rad, multi-turn motor angle at the home pose
-    centre: Array         # (m, 3) mm, machine frame
+    centre: Array         # (m, 3) mm, machine frame; nan: not known, the line to the pulley counts as constant
     crossed: Array        # (m,) bool: crossed common tangent; else open
     max_speed: Array      # (m,) rad/s
     continuous_torque: Array   # (m,) N mm
     peak_torque: Array    # (m,) N mm
     inertia: Array        # (m,) kg mm^2
     friction: Array       # (m,) N mm
+    # those below may be left out, or be one number for all
+    slope: Array = field(default_factory=_zero)     # (m,) mm/rad of the spool, radius gained all along
+    axial: Array = field(default_factory=_zero)     # (m,) mm/rad of the spool, signed travel of a helical drum's exit
+    gear: Array = field(default_factory=_one)       # (m,) motor turns per spool turn
+    advantage: Array = field(default_factory=_one)  # (m,) strands between frame and platform, all on this winder
+    span: Array = field(default_factory=_unknown)   # (m, 2) rad, motor angles it is known for; nan: to its last layer
 
     def __post_init__(self) -> None:
         shape = Shapes("WinderColumns")
         names = ("ramp_start", "ramp_end", "home_angle", "max_speed", "continuous_torque", "peak_torque", "inertia")
         columns = {name: shape.column(name, getattr(self, name), "m") for name in (*names, "friction")}
         columns["radii"] = shape.column("radii", self.radii, "m n")
-        columns["centre"] = shape.column("centre", self.centre, "m 3")
+        columns["centre"] = shape.column("centre", self.centre, "m 3", finite=False)
         columns["crossed"] = shape.column("crossed", self.crossed, "m", np.bool_)
+        for name in ("slope", "axial", "gear", "advantage"):
+            value = np.asarray(getattr(self, name))
+            columns[name] = shape.column(name, value if value.ndim else np.full(len(self.radii), value), "m")
         set_columns(self, **columns)
+        set_columns(self, span=shape.column("span", self._known_span(), "m 2", finite=False))
+        _refuse(self._faults())
+
+    def _known_span(self) -> Array:
+        """Where `span` is nan: radius r_0 for all angles below layer 0's ramp, and up to the end of the last layer."""
+        last = (self.ramp_start + 2 * np.pi * (self.radii.shape[1] - 1)) * self.gear
+        known = np.stack((np.full_like(last, -np.inf), last), axis=1)
+        return np.where(np.isnan(self.span), known, self.span)
+
+    def _faults(self) -> Iterator[str]:
+        """What no winder can be, one sentence each."""
+        (low, high), ramp = self.span.T, np.degrees(self.ramp_end - self.ramp_start)
+        for i in range(len(self.radii)):
+            thinnest = low[i] if self.slope[i] > 0 else high[i]
+            least = self.radii[i].min() + (self.slope[i] * thinnest / self.gear[i] if self.slope[i] else 0.0)
+            if not least > 0:
+                yield f"winder {i + 1}: its radius falls to {least:.3f} mm within its span, expected more than 0"
+            if self.radii.shape[1] > 1 and not 0 < ramp[i] <= 360:
+                yield f"winder {i + 1}: its ramp spans {ramp[i]:.3f} deg, expected more than 0 and at most 360"
+            if not low[i] < high[i]:
+                yield f"winder {i + 1}: its span ends at {high[i]:.3f} rad, expected more than {low[i]:.3f}"
+            if self.axial[i] and (self.slope[i] or np.ptp(self.radii[i])):
+                yield f"winder {i + 1}: a helical drum has one radius, expected no slope and equal layers"
+            if not (self.gear[i] > 0 and self.advantage[i] >= 1):
+                yield f"winder {i + 1}: expected gear > 0 and mechanical advantage >= 1"
+
+
+def _refuse(faults: Iterator[str]) -> None:
+    sentences = "; ".join(faults)
+    if sentences:
+        raise ValueError(sentences)
 
 
 @dataclass(frozen=True)
@@ -142,6 +202,8 @@ def _winders(cables: Any) -> WinderColumns:
         peak_torque=np.array([motor.peak_torque_n_m for motor in motors]) * 1e3,
         inertia=np.array([motor.inertia_kg_mm2 for motor in motors]),
         friction=np.array([motor.friction_n_m for motor in motors]) * 1e3,
+        span=np.array([[-np.inf, np.radians(winder.ramp_start_deg) + 2 * np.pi * (winder.layers - 1)]
+                       for winder in winders]),
     )
 
 
