@@ -4,21 +4,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robots import cabfab_init_x
 from scipy.optimize import linprog
 
 from cabslice.robot import reach
 from cabslice.robot.nullspace import balance, elementary_vectors
+from cabslice.robot.wrench import wrench_matrix
 
-TOP, BOTTOM = (44.0528, 44.0528, -25.0), (47.5969, 40.1974, 25.0)
-QUADRANTS = np.array([[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]])
-ANCHORS = np.concatenate((QUADRANTS * [500, 500, 500], QUADRANTS * [500, 500, -500]))     # Init X, nominal cube
-ATTACHMENTS = np.concatenate((QUADRANTS * TOP, QUADRANTS * BOTTOM))
+INIT_X = cabfab_init_x(pulley_radius=0.0)
 
 
 def level_wrench_matrix(points):
-    reach_ = ANCHORS - points[:, None] - ATTACHMENTS
-    unit = reach_ / np.linalg.norm(reach_, axis=2, keepdims=True)
-    return np.concatenate((unit, np.cross(np.broadcast_to(ATTACHMENTS, unit.shape), unit)), axis=2).swapaxes(1, 2)
+    return wrench_matrix(INIT_X, np.column_stack((points, np.zeros((len(points), 3)))))
 
 
 def random_wrench_matrix(rng, count, freedoms, cables):

@@ -1,28 +1,19 @@
 """Tensions nearest to a reference, against a quadratic programme solved by another road (Lawson and Hanson's NNLS)."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robots import cabfab_init_x, hangprinter
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from cabslice.robot import tension
-from cabslice.robot.model import Robot
 from cabslice.robot.nullspace import elementary_vectors
 from cabslice.robot.polytope import across
 from cabslice.robot.wrench import required_wrench, wrench_matrix
 
-QUADRANTS = np.array([[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]])
-INIT_X = Robot(
-    anchors=np.concatenate((QUADRANTS * [500, 500, 500], QUADRANTS * [500, 500, -500])),
-    attachments=np.concatenate((QUADRANTS * [44.0528, 44.0528, -25.0], QUADRANTS * [47.5969, 40.1974, 25.0])),
-    pulley_axes=np.tile([0.0, 0.0, 1.0], (8, 1)), pulley_radii=np.full(8, 20.0), axial_stiffness=np.full(8, 15914.75),
-    cable_radii=np.full(8, 0.27), clearance=np.full(8, 1.0), tension_min=np.full(8, 1.0), tension_max=np.full(8, 100.0),
-    tension_reference=np.full(8, 30.0), mass=2.598, inertia=np.diag([2092.5, 2092.5, 2897.8]),
-    centre_of_mass=np.zeros(3), home=np.zeros(6), freedoms=np.ones(6, dtype=bool), name="init-x")
+INIT_X = cabfab_init_x()
 
 
 def random_case(rng, count, freedoms, cables, spread=60.0):
@@ -141,11 +132,7 @@ def test_along_circles_the_commanded_rest_length_is_continuous():
 
 def test_freedoms_are_a_mask_not_another_road():
     """A point platform on four lines: three force rows, no moments."""
-    anchors = [[0.0, -1610.98, -131.53], [1314.22, 1268.14, -121.28], [-1415.73, 707.61, -121.82], [0, 0.01, 2299.83]]
-    four = {name: getattr(INIT_X, name)[:4] for name in (
-        "pulley_axes", "axial_stiffness", "cable_radii", "clearance", "tension_min", "tension_max", "tension_reference")}
-    robot = replace(INIT_X, **four, anchors=anchors, attachments=np.zeros((4, 3)), pulley_radii=np.zeros(4),
-                    freedoms=[True] * 3 + [False] * 3)
+    robot = hangprinter()
     poses = np.zeros((5, 6))
     poses[:, 2] = np.linspace(0, 400, 5)
     required = required_wrench(robot, poses)

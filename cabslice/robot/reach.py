@@ -20,7 +20,9 @@ from __future__ import annotations
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.robot.model import Robot
 from cabslice.robot.nullspace import Balance, balance, blocks, elementary_vectors, subsets
+from cabslice.robot.wrench import required_wrench, wrench_matrix
 
 PARALLEL = 1e-9      # |mu|_1 below this: the rows of N are dependent and the subset says nothing
 
@@ -107,6 +109,27 @@ def available_wrenches(wrench: Array, tension_min: Array, tension_max: Array) ->
         reach = width / size
         reach[:, ~state.regular] = -np.inf
         offsets[part, :rows], offsets[part, rows:] = (reach + centre).T, (reach - centre).T
+    return normals, offsets
+
+
+def pose_margins(robot: Robot, poses: Array, required: Array | None = None) -> Array:
+    """margins (K,) N of a robot at poses (K, 6) under `required` (K, 6), its own weight where that is absent."""
+    needed = required_wrench(robot, poses) if required is None else np.asarray(required, dtype=float)
+    wrench = wrench_matrix(robot, poses, masked=True)
+    return margins(wrench, needed[:, robot.freedoms], robot.tension_min, robot.tension_max)
+
+
+def facets(robot: Robot, poses: Array) -> tuple[Array, Array]:
+    """available_wrenches of a robot at poses (K, 6): normals (K, F, 6), offsets (K, F) N; 112 facets for 8 cables.
+
+    Normals are 0 along freedoms the robot does not hold. Raises PoseError as wrench_matrix.
+    """
+    wrench = wrench_matrix(robot, poses, masked=True)
+    held, offsets = available_wrenches(wrench, robot.tension_min, robot.tension_max)
+    if robot.freedoms.all():
+        return held, offsets
+    normals = np.zeros((*offsets.shape, 6))
+    normals[:, :, robot.freedoms] = held
     return normals, offsets
 
 
