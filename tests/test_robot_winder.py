@@ -201,7 +201,7 @@ def test_a_winder_that_reaches_its_pulley_is_refused():
         pulley_radius=25.0,
         winders=radial_winders(robot.anchors + np.array([80.0, 0, -20])),
     )
-    with pytest.raises(PoseError, match="winder 1: its disc of radius 60 and the pulley"):
+    with pytest.raises(PoseError, match=r"winder 1: its disc of radius 60\.000 mm and the pulley"):
         winder.line_to_pulley(near, np.full((1, 8), 60.0))
 
 
