@@ -8,21 +8,23 @@ from pydantic import Field
 
 from cabslice.profile.printer import Positive, Table
 
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+Celsius = Annotated[float, Field(ge=-50, le=1000)]
+TemperatureRange = Annotated[list[Celsius], Field(min_length=2, max_length=2)]
+SpeedRange = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 
 
 class Material(Table):
     """Speeds are advice: outside them a warning, never a refusal. The melt flow is the limit."""
 
-    schema_: Annotated[Literal[1], Field(alias="schema")] = 1
-    name: str
-    description: str = ""
-    source: Annotated[str, Field(min_length=1)]
-    assumed: list[str] = []
-    nozzle_c: Annotated[Range, Field(description="lowest and highest nozzle temperature, degC")]
-    bed_c: Annotated[Range, Field(description="lowest and highest bed temperature, degC")]
-    speed_mm_s: Annotated[Range, Field(description="usual deposition speed; advice")]
-    max_flow_mm3_s: Annotated[float, Field(gt=0, le=5000, description="volumetric flow it melts at; the hard limit")]
-    density_g_cm3: Annotated[float, Field(gt=0.1, le=20)]
-    price_per_kg: Annotated[Positive | None, Field(description="for the cost of a part")] = None
-    fan: Annotated[float, Field(ge=0, le=1, description="part cooling after the first layers")] = 1.0
+    schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
+    name: str = Field(min_length=1, description="absent: the name of the file; never inherited")
+    description: str = Field(default="", description="one line for lists; never inherited")
+    source: str = Field(min_length=1, description="where the numbers come from")
+    assumed: list[str] = Field(default=[], description="what the source does not give: 'key: what was assumed and why'")
+    nozzle_c: TemperatureRange = Field(description="lowest and highest nozzle temperature")
+    bed_c: TemperatureRange = Field(description="lowest and highest bed temperature")
+    speed_mm_s: SpeedRange = Field(description="usual deposition speed, lowest and highest; advice")
+    max_flow_mm3_s: float = Field(gt=0, le=5000, description="volumetric flow it melts at; the hard limit")
+    density_g_cm3: float = Field(gt=0.1, le=20, description="for the weight of a part")
+    price_per_kg: Positive | None = Field(default=None, description="for the cost of a part")
+    fan: float = Field(default=1.0, ge=0, le=1, description="part cooling after the first layers")

@@ -14,49 +14,60 @@ Speed = Annotated[float, Field(gt=0, le=5000)]
 class Speeds(Table):
     """Nozzle speed asked for each feature, mm/s. Cables, motors and melt flow may make it slower."""
 
-    outer_wall: Speed
-    inner_wall: Speed
-    solid_infill: Speed
-    top_skin: Speed
-    sparse_infill: Speed
-    bridge: Speed
-    gap_fill: Speed
-    skirt: Speed
-    first_layer: Speed
-    travel: Speed
+    outer_wall: Speed = Field(description="the wall one sees")
+    inner_wall: Speed = Field(description="walls behind it")
+    solid_infill: Speed = Field(description="solid layers inside the part")
+    top_skin: Speed = Field(description="the topmost solid layer")
+    sparse_infill: Speed = Field(description="infill at the density `infill`")
+    bridge: Speed = Field(description="beads over air")
+    gap_fill: Speed = Field(description="thin leftovers between walls")
+    skirt: Speed = Field(description="loops around the part")
+    first_layer: Speed = Field(description="highest speed of any bead on the bed")
+    travel: Speed = Field(description="moves without a bead")
 
 
 class Retraction(Table):
-    length_mm: Annotated[float, Field(ge=0, le=50, description="filament drawn back before a travel")]
-    speed_mm_s: Annotated[float, Field(gt=0, le=500)]
-    prime_speed_mm_s: Annotated[float, Field(gt=0, le=500)]
-    min_travel_mm: Annotated[float, Field(ge=0, le=1000, description="shorter travels are made without retraction")]
-    hop_mm: Annotated[float, Field(ge=0, le=50, description="lift of the nozzle during a retracted travel")] = 0.0
+    """Filament drawn back where the nozzle travels."""
+
+    length_mm: float = Field(ge=0, le=50, description="filament drawn back before a travel")
+    speed_mm_s: float = Field(gt=0, le=500, description="filament speed back")
+    prime_speed_mm_s: float = Field(gt=0, le=500, description="filament speed forth again")
+    min_travel_mm: float = Field(ge=0, le=1000, description="shorter travels are made without retraction")
+    hop_mm: float = Field(default=0.0, ge=0, le=50, description="lift of the nozzle during a retracted travel")
 
 
 class Process(Table):
-    schema_: Annotated[Literal[1], Field(alias="schema")] = 1
-    name: str
-    description: str = ""
-    source: str = "cabslice"
-    nozzle_mm: Annotated[float, Field(gt=0.05, le=10, description="nozzle it is made for")]
-    layer_mm: Annotated[float, Field(gt=0.02, le=5, description="layer height")]
-    first_layer_mm: Annotated[float, Field(gt=0.02, le=5, description="height of the first layer")]
-    bead_mm: Annotated[float, Field(gt=0.05, le=20, description="bead width of infill and inner walls")]
-    outer_bead_mm: Annotated[float, Field(gt=0.05, le=20, description="bead width of the outer wall")]
-    first_bead_mm: Annotated[float, Field(gt=0.05, le=20, description="bead width in the first layer")]
-    walls: Annotated[int, Field(ge=0, le=1000, description="number of walls")]
-    top_layers: Annotated[int, Field(ge=0, le=10000, description="solid layers under every top surface")]
-    bottom_layers: Annotated[int, Field(ge=0, le=10000, description="solid layers over every bottom surface")]
-    infill: Annotated[float, Field(ge=0, le=1, description="share of the inside that is filled")]
-    pattern: Annotated[Literal["rectilinear", "grid"], Field(description="infill pattern")]
-    infill_angle_deg: Annotated[float, Field(ge=-360, le=360)] = 45.0
-    infill_overlap: Annotated[float, Field(ge=0, le=0.5, description="how far infill reaches into the wall, in bead widths")] = 0.15
-    skirt_loops: Annotated[int, Field(ge=0, le=100)] = 1
-    skirt_gap_mm: Annotated[float, Field(ge=0, le=1000)] = 5.0
-    resolution_mm: Annotated[float, Field(gt=0, le=1, description="outlines are simplified by at most this")] = 0.005
-    corner_mm: Annotated[
-        float, Field(gt=0, le=5, description="how far the nozzle may leave the toolpath where corners are rounded")
-    ] = 0.05
+    """How a part is cut into layers and beads."""
+
+    schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
+    name: str = Field(min_length=1, description="absent: the name of the file; never inherited")
+    description: str = Field(default="", description="one line for lists; never inherited")
+    source: str = Field(default="cabslice", description="where the numbers come from")
+    nozzle_mm: float = Field(gt=0.05, le=10, description="bore of the nozzle it is made for")
+    layer_mm: float = Field(gt=0.02, le=5, description="layer height")
+    first_layer_mm: float = Field(gt=0.02, le=5, description="height of the first layer")
+    bead_mm: float = Field(gt=0.05, le=20, description="bead width of infill and inner walls")
+    outer_bead_mm: float = Field(gt=0.05, le=20, description="bead width of the outer wall")
+    first_bead_mm: float = Field(gt=0.05, le=20, description="bead width in the first layer")
+    walls: int = Field(ge=0, le=1000, description="number of walls")
+    top_layers: int = Field(ge=0, le=10000, description="solid layers under every top surface")
+    bottom_layers: int = Field(ge=0, le=10000, description="solid layers over every bottom surface")
+    infill: float = Field(ge=0, le=1, description="share of the inside that is filled")
+    pattern: Literal["rectilinear", "grid"] = Field(description="infill pattern")
+    infill_angle_deg: float = Field(
+        default=45.0, ge=-360, le=360,
+        description="direction of the first infill line, from x",
+    )
+    infill_overlap: float = Field(
+        default=0.15, ge=0, le=0.5,
+        description="how far infill reaches into the wall, in bead widths",
+    )
+    skirt_loops: int = Field(default=1, ge=0, le=100, description="loops around the part before the first layer")
+    skirt_gap_mm: float = Field(default=5.0, ge=0, le=1000, description="air between part and skirt")
+    resolution_mm: float = Field(default=0.005, gt=0, le=1, description="outlines are simplified by at most this")
+    corner_mm: float = Field(
+        default=0.05, gt=0, le=5,
+        description="how far the nozzle may leave the toolpath where corners are rounded",
+    )
     speeds_mm_s: Speeds
     retraction: Retraction
