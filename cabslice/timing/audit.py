@@ -30,10 +30,12 @@ BLOCK_ROWS = 20_000
 ROUNDING = 1e-6             # of a limit: finite differences are not exact
 BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
+FINER = 8
 Progress = Callable[[int, int], None]
 
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
-         "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s"}
+         "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
+         "missed": "vertices"}
 
 
 @dataclass
@@ -41,6 +43,7 @@ class Worst:
     """Largest share of each limit seen so far, and where: code -> (share, value, limit, time, move, cable)."""
 
     seen: dict[str, tuple[float, float, float, float, int, int]] = field(default_factory=dict)
+    vertices: int = 0      # passed so far
 
     def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
         if not len(value):
@@ -53,6 +56,7 @@ class Worst:
             self.seen[code] = entry
 
     def merge(self, other: Worst) -> None:
+        self.vertices += other.vertices
         for code, entry in other.seen.items():
             if code not in self.seen or not entry[0] <= self.seen[code][0]:
                 self.seen[code] = entry
@@ -87,8 +91,8 @@ def audit(
             worst.merge(found)
             if progress:
                 progress(done + 1, len(blocks))
-    worst.merge(_vertices(subject))
     worst.merge(_ends(subject))
+    _coverage(subject, worst)
     return _verdict(subject, worst, blocks[-1][1] if blocks else 0)
 
 
@@ -111,8 +115,10 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     _kinematic(subject, worst, now, at, around, velocity, accel)
     _feeding(subject, worst, now, at, around, seen.filament)
     _cables(subject, worst, now, at, seen.poses[1:-1], accel)
-    off = distance_to_path(toolpath, place[1:-1] - subject.trajectory.to_pose, at)
+    place = place - subject.trajectory.to_pose
+    off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
+    _vertices(subject, worst, times, move, float(np.linalg.norm(accel, axis=1).max()))
     return worst
 
 
@@ -172,18 +178,21 @@ def _to_segment(point: Array, start: Array, end: Array) -> Array:
     return np.linalg.norm(point - start - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
-def _vertices(subject: Subject) -> Worst:
-    """Every vertex of the toolpath is passed within the corner tolerance, at the time its move begins."""
-    trajectory, toolpath = subject.trajectory, subject.toolpath
-    moves = np.arange(toolpath.starts[0], toolpath.starts[-1])
-    times = trajectory.time[np.searchsorted(trajectory.move, moves, side="left")]
-    worst = Worst()
-    for first in range(0, len(moves), BLOCK_ROWS):
-        part = slice(first, first + BLOCK_ROWS)
-        place = sample(trajectory, times[part]).poses[:, :3] - trajectory.to_pose
-        off = np.linalg.norm(place - toolpath.xyz[moves[part] - 1], axis=1)
-        worst.see("vertex", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, times[part], moves[part])
-    return worst
+def _vertices(subject: Subject, worst: Worst, times: Array, move: Array, fastest: float) -> None:
+    """Every vertex passed between two samples lies within the corner tolerance of the motion there, looked at
+    FINER times as often. fastest: largest acceleration, mm/s^2, which bounds the bulge between two looks."""
+    pair = np.arange(1, len(times) - 1)
+    count = move[pair + 1] - move[pair]
+    pair = np.repeat(pair, count)
+    ahead = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
+    vertex = subject.toolpath.xyz[move[pair] + ahead]
+    looks = times[pair, None] + subject.step * np.linspace(0, 1, FINER + 1)
+    place = sample(subject.trajectory, looks.ravel()).poses[:, :3] - subject.trajectory.to_pose
+    place = place.reshape(len(pair), FINER + 1, 3)
+    off = np.min([_to_segment(vertex, place[:, k], place[:, k + 1]) for k in range(FINER)], axis=0)
+    bulge = fastest * (subject.step / FINER) ** 2 / 4
+    worst.see("vertex", np.maximum(off - bulge - PLACE_MM, 0), subject.process.corner_mm, times[pair], move[pair])
+    worst.vertices += len(pair)
 
 
 def _ends(subject: Subject) -> Worst:
@@ -202,6 +211,13 @@ def _ends(subject: Subject) -> Worst:
     return worst
 
 
+def _coverage(subject: Subject, worst: Worst) -> None:
+    """No vertex was passed over: each of the moves was entered once."""
+    moves = int(subject.toolpath.starts[-1] - subject.toolpath.starts[0])
+    missed, last = abs(moves - 1 - worst.vertices), np.array([moves])
+    worst.see("missed", np.array([float(missed)]), np.array([0.5]), np.array([subject.trajectory.duration]), last)
+
+
 SENTENCES = {
     "speed": "the nozzle moves faster than the machine may",
     "feature-speed": "the nozzle moves faster than asked for this feature",
@@ -213,6 +229,7 @@ SENTENCES = {
     "path": "the nozzle leaves the toolpath by more than the corner tolerance",
     "vertex": "a vertex of the toolpath is passed too far away",
     "filament": "filament was lost",
+    "missed": "vertices of the toolpath are not passed",
     "rest": "a piece does not start and end at rest",
 }
 

@@ -9,7 +9,6 @@ Legend
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.robot.kinematics import length_accelerations
-from cabslice.robot.model import Robot
+from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.reach import tension_rows
 from cabslice.robot.wrench import required_wrench, wrench_matrix
 from cabslice.timing.grid import Grid
@@ -39,6 +38,7 @@ class Limits:
     feed_speed: float            # mm/s of filament
     feed_acceleration: float     # mm/s^2 of filament
     feed_jump: float             # mm/s of filament
+    window: float                # s over which the motion is averaged; 0: acceleration may step
 
 
 def limits_of(printer: Any, material: Any) -> Limits:
@@ -51,6 +51,7 @@ def limits_of(printer: Any, material: Any) -> Limits:
         feed_speed=extruder.max_speed_mm_s,
         feed_acceleration=extruder.max_acceleration_mm_s2,
         feed_jump=extruder.max_jump_mm_s,
+        window=motion.smoothing_ms * 1e-3,
     )
 
 
@@ -67,35 +68,31 @@ class Nodes:
     feed: Array
 
 
-def rows(robot: Robot, limits: Limits, nodes: Nodes, report: Callable[[Array], None]) -> tuple[Array, Array]:
-    """Rows a u + b x <= 1, a and b (K, R).
-
-    `report` is called with the (K,) margins (N) when some pose cannot even be held at rest; it must raise.
-    """
-    blocks = [_tension(robot, nodes, report), *_winding(robot, nodes), _axes(limits, nodes), _feeding(limits, nodes)]
+def rows(robot: Robot, limits: Limits, nodes: Nodes) -> tuple[Array, Array, Array]:
+    """Rows a u + b x <= 1, a and b (K, R), and the margin (K,) at rest: <= 0 where the platform cannot even rest."""
+    tension = _tension(robot, nodes)
+    margin = np.minimum(tension[3], -tension[2]).min(axis=0)
+    blocks = [tension, _winding(robot, nodes), _axes(limits, nodes), _feeding(limits, nodes)]
     a = np.concatenate([side for block in blocks for side in _one_sided(block[0], block)])
     b = np.concatenate([side for block in blocks for side in _one_sided(block[1], block)])
-    return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
+    return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T), margin
 
 
 def _one_sided(values: Array, block: Block) -> tuple[Array, Array]:
     _, _, low, high = block
-    return values / (high * (1 - RESERVE)), values / (low * (1 - RESERVE))
+    with np.errstate(divide="ignore", invalid="ignore"):     # where rest is impossible the caller refuses
+        return values / (high * (1 - RESERVE)), values / (low * (1 - RESERVE))
 
 
-def _tension(robot: Robot, nodes: Nodes, report: Callable[[Array], None]) -> Block:
+def _tension(robot: Robot, nodes: Nodes) -> Block:
     """A tension within bounds exists: exact (domain of the wrench, projected on u and x)."""
     free = robot.freedoms
     base = required_wrench(robot, nodes.poses)
     along_u = required_wrench(robot, nodes.poses, np.zeros_like(nodes.d1), nodes.d1) - base
     along_x = required_wrench(robot, nodes.poses, nodes.d1, nodes.d2) - base
-    a, b, low, high = tension_rows(
+    return tension_rows(
         wrench_matrix(robot, nodes.poses)[:, free], base[:, free], along_u[:, free], along_x[:, free],
         robot.tension_min, highest_tension(robot))
-    margin = np.minimum(high, -low).min(axis=0)
-    if (margin <= 0).any():
-        report(margin)
-    return a, b, low, high
 
 
 def highest_tension(robot: Robot) -> Array:
@@ -107,18 +104,24 @@ def highest_tension(robot: Robot) -> Array:
     return np.minimum(robot.tension_max, torque / winders.radii.max(axis=1))
 
 
-def _winding(robot: Robot, nodes: Nodes) -> list[Block]:
-    """|winder acceleration| stays within the torque kept for it."""
+def winding_caps(robot: Robot) -> tuple[Array, Array]:
+    """(m,) mm/s^2 of cable that the torque kept for winding gives, and (m,) mm/s of cable that the winders reach."""
     winders = robot.winders
-    if winders is None or not (winders.inertia > 0).any():
-        return []
+    if winders is None:
+        return np.full(robot.cables, np.inf), np.full(robot.cables, np.inf)
+    inner = winders.radii.min(axis=1)
+    with np.errstate(divide="ignore"):
+        spin = TORQUE_SHARE * winders.continuous_torque / (winders.inertia * NEWTON)
+    return spin * inner, winders.max_speed * inner * (1 - RESERVE)
+
+
+def _winding(robot: Robot, nodes: Nodes) -> Block:
+    """|cable acceleration| stays within what the torque kept for turning the winders gives."""
     still = np.zeros_like(nodes.d1)
     first = length_accelerations(robot, nodes.poses, still, nodes.d1).T
     second = length_accelerations(robot, nodes.poses, nodes.d1, nodes.d2).T
-    torque = TORQUE_SHARE * winders.continuous_torque
-    cap = torque / (np.maximum(winders.inertia, 1e-12) * 1e-3) * winders.radii.min(axis=1)   # mm/s^2 of cable
-    high = np.broadcast_to(cap[:, None], first.shape)
-    return [(first, second, -high, high)]
+    high = np.broadcast_to(winding_caps(robot)[0][:, None], first.shape)
+    return first, second, -high, high
 
 
 def _axes(limits: Limits, nodes: Nodes) -> Block:
@@ -157,8 +160,6 @@ def highest_x(grid: Grid, path: Path, limits: Limits, speed: Array) -> tuple[Arr
 
 def winder_speed_x(robot: Robot, nodes: Nodes) -> Array:
     """(K,) mm^2/s^2, largest x that keeps every winder within its speed on its innermost layer."""
-    if robot.winders is None:
-        return np.full(len(nodes.poses), NO_SPEED_LIMIT)
     per_s = np.abs(length_accelerations(robot, nodes.poses, np.zeros_like(nodes.d1), nodes.d1))
-    limit = robot.winders.max_speed * robot.winders.radii.min(axis=1) * (1 - RESERVE)
-    return ((limit / np.maximum(per_s, 1e-9)) ** 2).min(axis=1)
+    fastest = (per_s / winding_caps(robot)[1]).max(axis=1)
+    return 1 / np.maximum(fastest, NO_SPEED_LIMIT**-0.5) ** 2

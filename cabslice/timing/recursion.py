@@ -120,19 +120,67 @@ def retime_piece(a, b, top, step, x):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def retime_pieces(a, b, top, step, nodes, x):
-    """All pieces of a block: piece p has nodes nodes[p]:nodes[p+1] and one interval fewer; step is indexed by node."""
+def spread(top, step, window):
+    """Lower `top` (n+1,) around every node as far as the nozzle runs in half of `window` s at that node's speed.
+
+    A motion averaged over the window then keeps the limits it kept before (timing.trajectory).
+    """
+    if window <= 0.0:
+        return
+    source = top.copy()
+    for i in range(len(top)):
+        reach = 0.5 * window * np.sqrt(source[i])
+        run, k = 0.0, i
+        while k < len(step) and run < reach:
+            run += step[k]
+            k += 1
+            top[k] = min(top[k], source[i])
+        run, k = 0.0, i
+        while k > 0 and run < reach:
+            k -= 1
+            run += step[k]
+            top[k] = min(top[k], source[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lower_to_rows(b, top):
+    """Lower `top` (n,) to what the rows b (n, R) allow at constant speed."""
+    for k in range(len(top)):
+        for row in range(b.shape[1]):
+            if b[k, row] * top[k] > 1.0:
+                top[k] = 1.0 / b[k, row]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _retime(a, b, top, step, nodes, x):
     for piece in range(len(nodes) - 1):
         first, last = nodes[piece], nodes[piece + 1]
         retime_piece(a[first:last], b[first:last], top[first:last], step[first:last - 1], x[first:last])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _widen(b, top, step, nodes, window):
+    for piece in range(len(nodes) - 1):
+        first, last = nodes[piece], nodes[piece + 1]
+        lower_to_rows(b[first:last], top[first:last])
+        spread(top[first:last], step[first:last - 1], window)
+
+
+def widened(b: Array, top: Array, step: Array, nodes: Array, window: float) -> Array:
+    """top (G,) for a motion that will be averaged over window s: lowered to the rows and spread; unchanged for 0."""
+    top = top.copy()
+    if window > 0:
+        _widen(np.ascontiguousarray(b), top, step, nodes, window)
+    return top
 
 
 def retime(a: Array, b: Array, top: Array, step: Array, nodes: Array) -> Array:
     """Largest x (G,) at every node of a block of pieces that each start and end at rest.
 
     a, b (G, R) rows a u + b x <= 1; top (G,) mm^2/s^2; step (G,) mm to the next node (unused at piece ends);
-    nodes (P+1,) offsets. Source: Pham & Pham 2018, eq. 14-17, with rows at both ends of each interval.
+    nodes (P+1,) offsets: piece p has nodes nodes[p]:nodes[p+1].
+    Source: Pham & Pham 2018, eq. 14-17, with rows at both ends of each interval.
     """
     x = np.empty(len(top))
-    retime_pieces(np.ascontiguousarray(a), np.ascontiguousarray(b), top, step, nodes, x)
+    _retime(np.ascontiguousarray(a), np.ascontiguousarray(b), top, step, nodes, x)
     return x

@@ -14,29 +14,21 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.errors import ImpossibleError, UsageError
+from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.timing.grid import Grid, lay_grid
-from cabslice.timing.limits import (
-    RESERVE,
-    Limits,
-    Nodes,
-    highest_x,
-    limits_of,
-    rows,
-    speed_limit,
-    winder_speed_x,
-)
+from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit
 from cabslice.timing.path import Path, evaluate, smooth
-from cabslice.timing.trajectory import Trajectory, times_of
+from cabslice.timing.rules import Rules, rules_for
+from cabslice.timing.trajectory import Trajectory, averaged, move_at, times_and_areas
 from cabslice.toolpath.path import EventKind, Toolpath
 
-BLOCK_NODES = 12_000       # nodes planned together; their rows take about 2 kB each
-ROUNDS = 4                 # of tightening rows where the motion between two nodes breaks them
+BLOCK_NODES = 20_000       # nodes planned together
+ROUNDS = 6                 # of tightening where the motion between the nodes breaks a limit
 SLACK = RESERVE / 2        # of the reserve that motion between nodes may use
+OVERSHOOT = 1e-9           # of the asked speed: rounding
 Progress = Callable[[int, int], None]
-Engine = Callable[[Array, Array, Array, Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -49,7 +41,22 @@ class Task:
     path: Path
     grid: Grid
     speed: Array        # (N,) mm/s
-    engine: Engine
+    tops: tuple[Array, Array]   # (I,) mm^2/s^2 at the start and the end of every interval
+    rules: Rules
+
+
+@dataclass(frozen=True)
+class Block:
+    """Pieces first..last-1: their intervals are `which` of the grid; start (I,) is the node each begins at."""
+
+    first: int
+    last: int
+    which: slice
+    offsets: Array      # (pieces+1,) of the nodes
+    start: Array        # (I,)
+    step: Array         # (G,) mm to the next node; 0 at the end of a piece
+    move: Array         # (G,)
+    sigma: Array        # (G,) mm into the move
 
 
 def plan(
@@ -61,64 +68,65 @@ def plan(
     engine is "compiled" or "toppra" (the reference; slower). progress(done, total) counts pieces.
     Raises ImpossibleError where the platform cannot even rest on the path. Source: Pham & Pham 2018.
     """
-    path = smooth(toolpath, process.corner_mm)
-    limits = limits_of(printer, material)
-    task = Task(robot, limits, toolpath, path, lay_grid(path, toolpath.starts),
-                speed_limit(toolpath, path, limits), _engine(engine))
-    blocks = list(_blocks(task.grid.intervals))
+    task = task_for(toolpath, robot, printer, material, process, engine)
+    blocks = list(blocks_of(task.grid))
     speeds: list[Array] = []
     with ThreadPoolExecutor(jobs) as pool:
-        for block, x in zip(blocks, pool.map(lambda block: _plan_block(task, *block), blocks), strict=True):
+        for block, x in zip(blocks, pool.map(lambda block: _plan_block(task, block), blocks), strict=True):
             speeds.append(x)
             if progress:
-                progress(block[1], len(toolpath.starts) - 1)
-    return _assemble(task, np.concatenate(speeds))
+                progress(block.last, len(toolpath.starts) - 1)
+    nodes = task.grid.intervals + np.arange(len(task.grid.intervals))
+    return _trajectory(task, 0, nodes, np.concatenate(speeds))
 
 
-def _engine(name: str) -> Engine:
-    if name == "compiled":
-        from cabslice.timing.recursion import retime
-        return retime
-    if name == "toppra":
-        from cabslice.timing.stock import retime as stock
-        return stock
-    raise UsageError(f"unknown engine '{name}': expected compiled or toppra")
+def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
+    path, limits = smooth(toolpath, process.corner_mm), limits_of(printer, material)
+    grid, speed = lay_grid(path, toolpath.starts), speed_limit(toolpath, path, limits)
+    return Task(robot, limits, toolpath, path, grid, speed, highest_x(grid, path, limits, speed),
+                rules_for(robot, limits, engine))
 
 
-def _blocks(intervals: Array) -> Iterator[tuple[int, int]]:
-    """Runs of pieces [first, last) of about BLOCK_NODES nodes."""
-    first = 0
+def blocks_of(grid: Grid) -> Iterator[Block]:
+    """Runs of pieces of about BLOCK_NODES nodes."""
+    first, intervals = 0, grid.intervals
     while first < len(intervals) - 1:
         last = int(np.searchsorted(intervals, intervals[first] + BLOCK_NODES, side="right")) - 1
         last = max(last, first + 1)
-        yield first, last
+        yield _block(grid, first, last)
         first = last
 
 
-def _plan_block(task: Task, first: int, last: int) -> Array:
-    """x (nodes of pieces first..last-1,) mm^2/s^2."""
-    grid, spans = task.grid, task.grid.intervals[first:last + 1]
-    nodes = spans - spans[0] + np.arange(len(spans))
-    which = slice(spans[0], spans[-1])
-    start = np.delete(np.arange(nodes[-1]), nodes[1:] - 1)           # node at which each interval starts
-    move, sigma = _node_places(grid, which, nodes, start)
-    places = _nodes(task, move, sigma)
-    a, b = rows(task.robot, task.limits, places, lambda margin: _cannot_rest(task, move, places, margin))
-    top = _tops(task, which, nodes, start, places)
-    step = np.zeros(nodes[-1])
-    step[start] = grid.high[which] - grid.low[which]
-    x = task.engine(a, b, top, step, nodes)
-    return _mend(task, which, nodes, start, a, b, top, step, x)
+def _block(grid: Grid, first: int, last: int) -> Block:
+    spans = grid.intervals[first:last + 1]
+    which = slice(int(spans[0]), int(spans[-1]))
+    offsets = spans - spans[0] + np.arange(len(spans))
+    ends = offsets[1:] - 1
+    start = np.delete(np.arange(offsets[-1]), ends)
+    move, sigma, step = np.empty(offsets[-1], np.int64), np.empty(offsets[-1]), np.zeros(offsets[-1])
+    move[start], sigma[start], step[start] = grid.move[which], grid.low[which], (grid.high - grid.low)[which]
+    move[ends], sigma[ends] = grid.move[spans[1:] - 1], grid.high[spans[1:] - 1]
+    return Block(first, last, which, offsets, start, step, move, sigma)
 
 
-def _node_places(grid: Grid, which: slice, nodes: Array, start: Array) -> tuple[Array, Array]:
-    """Move and distance into it of every node."""
-    move, sigma = np.empty(nodes[-1], np.int64), np.empty(nodes[-1])
-    move[start], sigma[start] = grid.move[which], grid.low[which]
-    ends = nodes[1:] - 1
-    final = grid.intervals[0] + np.searchsorted(start, ends) - 1 + which.start - grid.intervals[0]
-    move[ends], sigma[ends] = grid.move[final], grid.high[final]
-    return move, sigma
+def _plan_block(task: Task, block: Block) -> Array:
+    """x (nodes of the block,) mm^2/s^2: planned, checked as it will be moved, tightened where a limit is broken."""
+    places, top = _nodes(task, block.move, block.sigma), _tops(task, block)
+    tight = np.ones(len(top))
+    for _ in range(ROUNDS):
+        x, margin = task.rules.solve(places, tight, top / tight, block.step, block.offsets)
+        if (margin <= 0).any():
+            raise _cannot_rest(task, block.move, margin)
+        broken = _broken(task, block, x)
+        if broken is None:
+            return x
+        tight *= broken
+    stretch = np.ones(block.last - block.first)
+    while (broken := _broken(task, block, x)) is not None:
+        worst = np.maximum.reduceat(broken, block.offsets[:-1])
+        stretch = np.where(worst > 1, 1.05 * worst, 1.0)
+        x = x / np.repeat(stretch, np.diff(block.offsets))
+    return x
 
 
 def _nodes(task: Task, move: Array, sigma: Array) -> Nodes:
@@ -128,84 +136,96 @@ def _nodes(task: Task, move: Array, sigma: Array) -> Nodes:
                  task.path.feed[move])
 
 
-def _tops(task: Task, which: slice, nodes: Array, start: Array, places: Nodes) -> Array:
-    at_start, at_end = highest_x(task.grid, task.path, task.limits, task.speed)
-    top = winder_speed_x(task.robot, places)
-    top[start] = np.minimum(top[start], at_start[which])
-    top[start + 1] = np.minimum(top[start + 1], at_end[which])
-    top[nodes[:-1]] = top[nodes[1:] - 1] = 0.0
+def _tops(task: Task, block: Block) -> Array:
+    top = np.full(len(block.step), np.inf)
+    top[block.start] = task.tops[0][block.which]
+    top[block.start + 1] = np.minimum(top[block.start + 1], task.tops[1][block.which])
+    top[block.offsets[:-1]] = top[block.offsets[1:] - 1] = 0.0
     return top
 
 
-def _mend(
-    task: Task, which: slice, nodes: Array, start: Array, a: Array, b: Array, top: Array, step: Array, x: Array
-) -> Array:
-    """Tighten the rows of intervals whose middle breaks them and plan again; at last stretch the time of the piece."""
-    grid = task.grid
-    bent = np.flatnonzero(_in_blend(task.path, grid.move[which], grid.low[which], grid.high[which]))
-    middle = (grid.low[which] + grid.high[which])[bent] / 2
-    inside = _nodes(task, grid.move[which][bent], middle)
-    rows_a, rows_b = rows(task.robot, task.limits, inside, lambda margin: None)
-    left = start[bent]
-    for _ in range(ROUNDS):
-        used = _used(rows_a, rows_b, x, left, step)
-        worst = np.flatnonzero(used > 1 + SLACK)
-        if not len(worst):
-            return x
-        for node in (left[worst], left[worst] + 1):
-            factor = np.ones(len(a))
-            np.maximum.at(factor, node, used[worst])
-            a, b = a * factor[:, None], b * factor[:, None]
-        x = task.engine(a, b, top, step, nodes)
-    used = _used(rows_a, rows_b, x, left, step)
-    stretch = np.ones(len(nodes) - 1)
-    np.maximum.at(stretch, np.searchsorted(nodes, left, side="right") - 1, used / (1 + SLACK))
-    return x / np.repeat(stretch, np.diff(nodes))
+def _broken(task: Task, block: Block, x: Array) -> Array | None:
+    """Factors (G,) > 1 by which to tighten nodes whose surroundings break a limit in the averaged motion, or None."""
+    trajectory = _trajectory(task, block.first, block.offsets, x)
+    piece, times = _instants(trajectory, task.limits.window)
+    s, rate, u = averaged(trajectory, piece, times)
+    move = move_at(trajectory, piece, s)
+    places = _nodes(task, move, np.clip(s - task.path.start[move], 0.0, task.path.length[move]))
+    share = task.rules.used(places, u, rate**2) / (1 + SLACK)
+    share = np.maximum(share, (rate / task.speed[move]) ** 2 / (1 + OVERSHOOT))
+    bad = np.flatnonzero(~(share <= 1))
+    return _around(trajectory, times[bad], share[bad], task.limits.window) if len(bad) else None
 
 
-def _in_blend(path: Path, move: Array, low: Array, high: Array) -> Array:
-    middle = (low + high) / 2
-    return (middle < path.half[move - 1]) | (middle > path.length[move] - path.half[move])
+def _instants(trajectory: Trajectory, window: float) -> tuple[Array, Array]:
+    """Piece and time of the places to check: every node, the middle between two nodes, and the run-in and run-out."""
+    piece = np.repeat(np.arange(len(trajectory.pieces) - 1), np.diff(trajectory.pieces))
+    ends = trajectory.pieces[1:] - 1
+    middle = np.delete((trajectory.time[:-1] + trajectory.time[1:]) / 2, ends[:-1])
+    lead = window * np.array([0.25, 0.45])
+    before = (trajectory.time[trajectory.pieces[:-1], None] - lead).ravel()
+    after = (trajectory.time[ends, None] + lead).ravel()
+    number = np.arange(len(ends))
+    return (np.concatenate((piece, np.delete(piece, ends), np.repeat(number, 2), np.repeat(number, 2))),
+            np.concatenate((trajectory.time, middle, before, after)))
 
 
-def _used(a: Array, b: Array, x: Array, left: Array, step: Array) -> Array:
-    """Largest share of any row used in the middle of the intervals that start at nodes `left`."""
-    u = (x[left + 1] - x[left]) / (2 * step[left])
-    between = (x[left + 1] + x[left]) / 2
-    return (a * u[:, None] + b * between[:, None]).max(axis=1, initial=0.0)
+def _around(trajectory: Trajectory, times: Array, share: Array, window: float) -> Array:
+    """The largest share among the instants that a node takes part in: those up to half a window away."""
+    factor = np.ones(len(trajectory.time))
+    low = np.maximum(np.searchsorted(trajectory.time, times - window / 2) - 1, 0)
+    high = np.minimum(np.searchsorted(trajectory.time, times + window / 2, side="right"), len(factor) - 1)
+    for first, last, value in zip(low, high, np.minimum(share, 4.0), strict=True):
+        np.maximum(factor[first:last + 1], 1.02 * value, out=factor[first:last + 1])
+    return factor
 
 
-def _cannot_rest(task: Task, move: Array, places: Nodes, margin: Array) -> None:
+def _cannot_rest(task: Task, move: Array, margin: Array) -> ImpossibleError:
     worst = int(np.argmin(margin))
     row = move[worst]
-    x, y, z = (float(value) for value in task.toolpath.xyz[row])
     layer = int(task.toolpath.layer[row])
+    x, y, z = (float(value) for value in task.toolpath.xyz[row])
     sentence = (f"layer {layer}: no cable tensions within bounds hold the platform with the nozzle near "
                 f"x {x:.1f} y {y:.1f} z {z:.1f} mm")
-    finding = Finding("tension", layer, (x, y, z), 0, float(margin[worst]), 0.0, "N", sentence,
+    finding = Finding("tension", layer, (x, y, z), 0, float(margin[worst]), 0.0, "of the range", sentence,
                       "move the part towards the middle of the bed or lower its height")
-    raise ImpossibleError(sentence, [finding])
+    return ImpossibleError(sentence, [finding])
 
 
-def _assemble(task: Task, x: Array) -> Trajectory:
-    grid, toolpath, path = task.grid, task.toolpath, task.path
-    pieces = grid.intervals + np.arange(len(grid.intervals))
-    start = np.delete(np.arange(pieces[-1]), pieces[1:] - 1)
+def _trajectory(task: Task, first: int, pieces: Array, x: Array) -> Trajectory:
+    """The motion of pieces first, first+1, ... with x (G,) at their nodes, offsets pieces; its clock starts at 0."""
+    grid, path, window = task.grid, task.path, task.limits.window
+    spans = grid.intervals[first:first + len(pieces)]
+    ends = pieces[1:] - 1
+    start = np.delete(np.arange(pieces[-1]), ends)
     move, s = np.empty(pieces[-1], np.int64), np.empty(pieces[-1])
-    move[start], s[start] = grid.move, path.start[grid.move] + grid.low
-    move[pieces[1:] - 1] = grid.move[grid.intervals[1:] - 1]
-    s[pieces[1:] - 1] = (path.start[grid.move] + grid.high)[grid.intervals[1:] - 1]
-    return Trajectory(path, _times(toolpath, s, x, start, pieces), s, x, move, pieces,
-                      nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3])
+    which = slice(spans[0], spans[-1])
+    move[start], s[start] = grid.move[which], path.start[grid.move[which]] + grid.low[which]
+    move[ends] = grid.move[spans[1:] - 1]
+    s[ends] = (path.start[grid.move] + grid.high)[spans[1:] - 1]
+    time, area = _clock(task.toolpath, first, s, x, start, pieces, window)
+    return Trajectory(path, time, s, x, area, move, pieces, nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3], window)
 
 
-def _times(toolpath: Toolpath, s: Array, x: Array, start: Array, pieces: Array) -> Array:
-    """Absolute time of every node; dwells before a piece are waited for there."""
-    spent = np.zeros(len(s))
+def _clock(
+    toolpath: Toolpath, first: int, s: Array, x: Array, start: Array, pieces: Array, window: float
+) -> tuple[Array, Array]:
+    """Absolute time of every node, a window of rest between pieces and dwells before them; integral of s in a piece."""
+    spent, gained = np.zeros((2, len(s)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        spent[start + 1] = times_of(s, x)[start]
+        time, extra = times_and_areas(s, x)
+    spent[start + 1] = time[start]
+    gained[start + 1] = (extra + s[:-1] * time)[start]
+    spent[pieces[:-1]] = window
+    spent[0] = window / 2
+    _dwell(toolpath, first, pieces, spent)
+    area = np.cumsum(gained)
+    return np.cumsum(spent), area - np.repeat(area[pieces[:-1]], np.diff(pieces))
+
+
+def _dwell(toolpath: Toolpath, first: int, pieces: Array, spent: Array) -> None:
     events = toolpath.events
     dwells = events.kind == EventKind.DWELL
-    piece = np.clip(np.searchsorted(toolpath.starts, events.index[dwells], side="left"), 0, len(pieces) - 2)
-    np.add.at(spent, pieces[piece], events.value[dwells])
-    return np.cumsum(spent)
+    piece = np.searchsorted(toolpath.starts, events.index[dwells], side="left") - first
+    here = (piece >= 0) & (piece < len(pieces) - 1)
+    np.add.at(spent, pieces[piece[here]], events.value[dwells][here])

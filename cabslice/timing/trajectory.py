@@ -3,6 +3,9 @@
 Legend
     node     grid point of the retiming; s its path parameter (mm within its piece), x = (ds/dt)^2, t its time
     u        d2s/dt2, constant between two nodes, so x is linear in s and s is quadratic in t there
+    w        window: the plan s(t) is averaged over [t - w/2, t + w/2], so that u ramps over w instead of stepping and
+             the jerk is bounded; the path itself is not touched. With S = integral of s:
+             mean s = (S(t + w/2) - S(t - w/2)) / w, its rate (s(t + w/2) - s(t - w/2)) / w, and so on
     pose rate and acceleration: q' ds/dt and q' u + q'' (ds/dt)^2   (Bobrow 1985; Pham & Pham 2018)
 """
 
@@ -30,20 +33,22 @@ class Samples:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Nodes of all pieces in time order. Interval i runs from node i to node i+1; a node that ends a piece
-    starts no motion: the next row is the first node of the next piece, at the same time or after a dwell."""
+    """Nodes of all pieces in time order. Interval i runs from node i to node i+1; a node that ends a piece starts no
+    motion: the next row is the first node of the next piece, a window (and perhaps a dwell) later."""
 
     path: Path
-    time: Array       # (G,) s
+    time: Array       # (G,) s, of the plan before averaging
     s: Array          # (G,) mm within the piece
     x: Array          # (G,) mm^2/s^2
+    area: Array       # (G,) mm s, integral of s over time from the start of the piece
     move: Array       # (G,) int64: move that the interval starting here lies in (at the end of a piece: its last move)
     pieces: Array     # (P+1,) int64: piece p has nodes pieces[p]:pieces[p+1]
     to_pose: Array    # (3,) mm: platform origin in the machine frame minus nozzle in bed coordinates
+    window: float     # s
 
     def __post_init__(self) -> None:
         shape = Shapes("Trajectory")
-        columns = {name: shape.column(name, getattr(self, name), "G") for name in ("time", "s", "x")}
+        columns = {name: shape.column(name, getattr(self, name), "G") for name in ("time", "s", "x", "area")}
         columns["move"] = shape.column("move", self.move, "G", np.int64)
         columns["pieces"] = shape.column("pieces", self.pieces, "P+1", np.int64)
         columns["to_pose"] = shape.column("to_pose", self.to_pose, "3")
@@ -52,34 +57,50 @@ class Trajectory:
     @property
     def duration(self) -> float:
         """s"""
-        return float(self.time[-1])
+        return float(self.time[-1]) + self.window / 2
 
 
 def sample(trajectory: Trajectory, times: Array) -> Samples:
     """The motion at times (K,) s; before the start and after the end the machine rests."""
-    times = np.clip(times, 0.0, trajectory.duration)
-    node = np.clip(np.searchsorted(trajectory.time, times, side="right") - 1, 0, len(trajectory.time) - 2)
-    span, u = intervals(trajectory, node)
-    rate0 = np.sqrt(trajectory.x[node])
-    passed = times - trajectory.time[node]
-    s = np.minimum(trajectory.s[node] + passed * (rate0 + u * passed / 2), trajectory.s[node] + span)
+    half = trajectory.window / 2
+    starts = trajectory.time[trajectory.pieces[:-1]] - half
+    piece = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+    s, rate, u = averaged(trajectory, piece, times)
+    return _samples(trajectory, piece, s, rate, u)
+
+
+def averaged(trajectory: Trajectory, piece: Array, times: Array) -> tuple[Array, Array, Array]:
+    """s (K,) mm, its rate mm/s and second rate mm/s^2 at times (K,) within pieces (K,), averaged over the window."""
+    window = trajectory.window
+    if window <= 0:
+        s, rate, u, _ = planned(trajectory, piece, times)
+        return s, rate, u
+    s0, rate0, _, area0 = planned(trajectory, piece, times - window / 2)
+    s1, rate1, _, area1 = planned(trajectory, piece, times + window / 2)
+    return (area1 - area0) / window, (s1 - s0) / window, (rate1 - rate0) / window
+
+
+def planned(trajectory: Trajectory, piece: Array, times: Array) -> tuple[Array, Array, Array, Array]:
+    """s, its rate, u and the integral of s (K,) of the plan at times (K,); before and after its piece it rests."""
+    first, last = trajectory.pieces[piece], trajectory.pieces[piece + 1] - 1
+    within = np.clip(times, trajectory.time[first], trajectory.time[last])
+    node = np.clip(np.searchsorted(trajectory.time, within, side="right") - 1, first, last - 1)
+    rate0, passed = np.sqrt(trajectory.x[node]), within - trajectory.time[node]
+    span = trajectory.s[node + 1] - trajectory.s[node]
+    u = (trajectory.x[node + 1] - trajectory.x[node]) / (2 * span)
+    gained = np.minimum(passed * (rate0 + u * passed / 2), span)
     rate = np.maximum(rate0 + u * passed, 0.0)
-    resting = span <= 0                                        # between two pieces, or at the very end
-    return _samples(trajectory, trajectory.move[node], s, np.where(resting, 0.0, rate), np.where(resting, 0.0, u))
+    resting = (times <= trajectory.time[first]) | (times >= trajectory.time[last])
+    s = np.where(times >= trajectory.time[last], trajectory.s[last], trajectory.s[node] + gained)
+    area = trajectory.area[node] + passed * (trajectory.s[node] + passed * (rate0 / 2 + u * passed / 6))
+    area = area + trajectory.s[last] * np.maximum(times - trajectory.time[last], 0.0)
+    return s, np.where(resting, 0.0, rate), np.where(resting, 0.0, u), area
 
 
-def intervals(trajectory: Trajectory, node: Array) -> tuple[Array, Array]:
-    """Length (K,) mm and u (K,) mm/s^2 of the intervals that start at the nodes (K,); 0 where a piece ends there."""
-    same = trajectory.s[node + 1] > trajectory.s[node]
-    span = np.where(same, trajectory.s[node + 1] - trajectory.s[node], 0.0)
-    u = (trajectory.x[node + 1] - trajectory.x[node]) / (2 * np.where(same, span, 1.0))
-    return span, np.where(same, u, 0.0)
-
-
-def _samples(trajectory: Trajectory, move: Array, s: Array, rate: Array, u: Array) -> Samples:
+def _samples(trajectory: Trajectory, piece: Array, s: Array, rate: Array, u: Array) -> Samples:
     path = trajectory.path
-    sigma = np.clip(s - path.start[move], 0.0, path.length[move])
-    motion = evaluate(path, move, sigma)
+    move = move_at(trajectory, piece, s)
+    motion = evaluate(path, move, np.clip(s - path.start[move], 0.0, path.length[move]))
     poses, rates, accels = np.zeros((3, len(move), 6))
     poses[:, :3] = motion.q + trajectory.to_pose
     rates[:, :3] = motion.d1 * rate[:, None]
@@ -87,7 +108,26 @@ def _samples(trajectory: Trajectory, move: Array, s: Array, rate: Array, u: Arra
     return Samples(poses, rates, accels, motion.filament, path.feed[move] * rate, move)
 
 
-def times_of(s: Array, x: Array) -> Array:
-    """Time (G-1,) s spent between neighbouring nodes: 2 ds / (sqrt x0 + sqrt x1)."""
-    rate = np.sqrt(x)
-    return 2 * np.diff(s) / (rate[:-1] + rate[1:])
+def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:
+    """(K,) the move of the toolpath that s (K,) mm into pieces (K,) lies in.
+
+    Pieces are told apart by adding their number times more than the longest piece to s.
+    """
+    path, pieces = trajectory.path, trajectory.pieces
+    if not len(piece):
+        return np.zeros(0, np.int64)
+    low = int(piece.min())
+    near = np.arange(low, int(piece.max()) + 1)
+    first, last = trajectory.move[pieces[near]], trajectory.move[pieces[near + 1] - 1]
+    longest = 1.0 + float(trajectory.s[pieces[near + 1] - 1].max())
+    key = path.start[first[0]:last[-1] + 1] + longest * np.repeat(near - low, last - first + 1)
+    which = piece - low
+    found = first[0] + np.searchsorted(key, s + longest * which, side="right") - 1
+    return np.clip(found, first[which], last[which])
+
+
+def times_and_areas(s: Array, x: Array) -> tuple[Array, Array]:
+    """Time (G-1,) s between nodes, 2 ds / (sqrt x0 + sqrt x1), and the integral of s - s0 over it, mm s."""
+    rate, span = np.sqrt(x), np.diff(s)
+    time = 2 * span / (rate[:-1] + rate[1:])
+    return time, time * time * (2 * rate[:-1] + rate[1:]) / 6

@@ -1,0 +1,250 @@
+"""The rows of timing.limits for a level platform with two cables more than freedoms, compiled.
+
+Same rows as the numpy path in timing.limits (which serves every other robot and is its test), about ten times faster:
+benchmarks/timing.py. The maths is that of robot.pulley and robot.reach.
+
+Legend
+    u_i, L', L''   direction of cable i, and derivatives of its length along the path (robot.pulley)
+    G              Gauss-Jordan form of [W | w0 w1 w2], pivots where they are largest; w = w0 + w1 u + w2 x is the
+                   wrench to supply. Six cables then follow from the two others: t_i = tau_i + h_i . lambda
+    mu             of three cables, the combination in which lambda cancels: (h_j x h_k, h_k x h_i, h_i x h_j)
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from cabslice.arrays import Array
+from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.timing.recursion import lower_to_rows, retime_piece, spread
+
+FREEDOMS = 6
+PARALLEL = 1e-9
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _line(tip, anchor, axis, r, d1, d2, unit):
+    """Fills the unit vector (3,) from tip to pulley; returns L' and L''; nan where the tip is inside the pulley."""
+    ax, ay, az = tip[0] - anchor[0], tip[1] - anchor[1], tip[2] - anchor[2]
+    z = ax * axis[0] + ay * axis[1] + az * axis[2]
+    ax, ay, az = ax - z * axis[0], ay - z * axis[1], az - z * axis[2]
+    rho = sqrt(ax * ax + ay * ay + az * az)
+    square = (rho - r) ** 2 + z * z
+    if square <= r * r or (r > 0.0 and rho <= r):
+        return np.nan, np.nan
+    scale = 1.0 / rho if rho > 0.0 else 1.0
+    ax, ay, az = ax * scale, ay * scale, az * scale
+    free = sqrt(square - r * r)
+    sine, cosine = ((rho - r) * free + z * r) / square, (z * free - (rho - r) * r) / square
+    unit[0] = -sine * ax - cosine * axis[0]
+    unit[1] = -sine * ay - cosine * axis[1]
+    unit[2] = -sine * az - cosine * axis[2]
+    vx, vy, vz = axis[1] * az - axis[2] * ay, axis[2] * ax - axis[0] * az, axis[0] * ay - axis[1] * ax
+    along = unit[0] * d1[0] + unit[1] * d1[1] + unit[2] * d1[2]
+    aside = vx * d1[0] + vy * d1[1] + vz * d1[2]
+    lateral = sine / rho if r > 0.0 else 1.0 / free
+    turning = (d1[0] ** 2 + d1[1] ** 2 + d1[2] ** 2 - along * along) / free + (lateral - 1.0 / free) * aside * aside
+    return -along, turning - (unit[0] * d2[0] + unit[1] * d2[1] + unit[2] * d2[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _gauss_jordan(g, m, pivot, used):
+    """Reduce g (6, m + 3) on six of its first m columns; pivot (6,) names them; False where W is singular."""
+    used[:] = False
+    for row in range(FREEDOMS):
+        best, best_row, best_col = 0.0, -1, -1
+        for i in range(row, FREEDOMS):
+            for j in range(m):
+                if not used[j] and abs(g[i, j]) > best:
+                    best, best_row, best_col = abs(g[i, j]), i, j
+        if best < 1e-12:
+            return False
+        used[best_col] = True
+        if best_row != row:
+            for j in range(m + 3):
+                g[row, j], g[best_row, j] = g[best_row, j], g[row, j]
+        pivot[row] = best_col
+        scale = 1.0 / g[row, best_col]
+        for j in range(m + 3):
+            g[row, j] *= scale
+        for i in range(FREEDOMS):
+            factor = g[i, best_col]
+            if i != row and factor != 0.0:
+                for j in range(m + 3):
+                    g[i, j] -= factor * g[row, j]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _fill(a, b, at, slope_u, slope_x, low, high, keep):
+    """Two rows of lo <= a u + b x <= hi, scaled so that rest has slack 1."""
+    a[at], b[at] = slope_u / (high * keep), slope_x / (high * keep)
+    a[at + 1], b[at + 1] = slope_u / (low * keep), slope_x / (low * keep)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _node(p, d1, d2, feed, geometry, load, bounds, a, b, scratch):
+    """Rows of one node into a, b (R,); returns the margin at rest as a share of the range (<= 0: cannot rest) and
+    the largest |L'| over its cap. scratch: g (6, m+3), h (m, 2), tau (m, 3), unit (3,), tip (3,), pivot, used."""
+    anchors, axes, radii, levers = geometry
+    weight, mass, arm, size = load
+    t_min, t_max, caps, accel, feed_accel, keep = bounds
+    g, h, tau, unit, tip, pivot, used = scratch
+    m = len(radii)
+    for axis in range(3):
+        _fill(a, b, 2 * axis, d1[axis], d2[axis], -accel, accel, keep)
+    _fill(a, b, 6, feed, 0.0, -feed_accel, feed_accel, keep)
+    at = 8
+    for i in range(m):
+        for axis in range(3):
+            tip[axis] = p[axis] + levers[i, axis]
+        first, second = _line(tip, anchors[i], axes[i], radii[i], d1, d2, unit)
+        _fill(a, b, at, first, second, -caps[i], caps[i], keep)
+        at += 2
+        for axis in range(3):
+            g[axis, i] = unit[axis]
+        g[3, i] = (levers[i, 1] * unit[2] - levers[i, 2] * unit[1]) / size
+        g[4, i] = (levers[i, 2] * unit[0] - levers[i, 0] * unit[2]) / size
+        g[5, i] = (levers[i, 0] * unit[1] - levers[i, 1] * unit[0]) / size
+        h[i, 0] = -first
+    fastest = 0.0
+    for i in range(m):
+        fastest = max(fastest, abs(h[i, 0]) / caps[m + i])
+    for axis in range(3):
+        g[axis, m], g[axis, m + 1], g[axis, m + 2] = weight[axis], mass * d1[axis], mass * d2[axis]
+    for j in range(m, m + 3):
+        g[3, j] = (arm[1] * g[2, j] - arm[2] * g[1, j]) / size
+        g[4, j] = (arm[2] * g[0, j] - arm[0] * g[2, j]) / size
+        g[5, j] = (arm[0] * g[1, j] - arm[1] * g[0, j]) / size
+    if not _gauss_jordan(g, m, pivot, used):
+        return -1.0, fastest
+    free = 0
+    for i in range(m):
+        if not used[i]:
+            h[i, 0], h[i, 1] = (1.0, 0.0) if free == 0 else (0.0, 1.0)
+            tau[i, 0] = tau[i, 1] = tau[i, 2] = 0.0
+            unit[free] = i
+            free += 1
+    first_free, second_free = int(unit[0]), int(unit[1])
+    for row in range(FREEDOMS):
+        i = pivot[row]
+        h[i, 0], h[i, 1] = -g[row, first_free], -g[row, second_free]
+        tau[i, 0], tau[i, 1], tau[i, 2] = g[row, m], g[row, m + 1], g[row, m + 2]
+    margin = 2.0
+    for i in range(m):
+        for j in range(i + 1, m):
+            mu_k = h[i, 0] * h[j, 1] - h[i, 1] * h[j, 0]
+            for k in range(j + 1, m):
+                mu_i = h[j, 0] * h[k, 1] - h[j, 1] * h[k, 0]
+                mu_j = h[k, 0] * h[i, 1] - h[k, 1] * h[i, 0]
+                reach = abs(mu_i) + abs(mu_j) + abs(mu_k)
+                if reach < PARALLEL:
+                    a[at] = b[at] = a[at + 1] = b[at + 1] = 0.0
+                    at += 2
+                    continue
+                still = mu_i * tau[i, 0] + mu_j * tau[j, 0] + mu_k * tau[k, 0]
+                low = min(mu_i * t_min[i], mu_i * t_max[i]) + min(mu_j * t_min[j], mu_j * t_max[j])
+                low += min(mu_k * t_min[k], mu_k * t_max[k]) - still
+                high = max(mu_i * t_min[i], mu_i * t_max[i]) + max(mu_j * t_min[j], mu_j * t_max[j])
+                high += max(mu_k * t_min[k], mu_k * t_max[k]) - still
+                margin = min(margin, 2.0 * min(high, -low) / (high - low))
+                slope_u = mu_i * tau[i, 1] + mu_j * tau[j, 1] + mu_k * tau[k, 1]
+                slope_x = mu_i * tau[i, 2] + mu_j * tau[j, 2] + mu_k * tau[k, 2]
+                _fill(a, b, at, slope_u, slope_x, low, high, keep)
+                at += 2
+    return margin, fastest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scratch(m):
+    return (np.empty((FREEDOMS, m + 3)), np.empty((m, 2)), np.empty((m, 3)), np.empty(3), np.empty(3),
+            np.empty(FREEDOMS, np.int64), np.empty(m, np.bool_))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _row_count(m):
+    return 8 + 2 * m + m * (m - 1) * (m - 2) // 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(q, d1, d2, feed, tight, top, step, nodes, window, geometry, load, bounds, x, margin):
+    """Rows and recursion piece by piece, so that the rows of a piece stay in the cache."""
+    m = len(geometry[2])
+    longest = 0
+    for piece in range(len(nodes) - 1):
+        longest = max(longest, nodes[piece + 1] - nodes[piece])
+    a, b = np.empty((longest, _row_count(m))), np.empty((longest, _row_count(m)))
+    highest = np.empty(longest)
+    scratch = _scratch(m)
+    for piece in range(len(nodes) - 1):
+        first, count = nodes[piece], nodes[piece + 1] - nodes[piece]
+        for k in range(count):
+            at = first + k
+            margin[at], fastest = _node(q[at], d1[at], d2[at], feed[at], geometry, load, bounds, a[k], b[k], scratch)
+            highest[k] = min(top[at], 1.0 / (fastest * fastest)) if fastest > 0.0 else top[at]
+            for row in range(a.shape[1]):
+                a[k, row] *= tight[at]
+                b[k, row] *= tight[at]
+        if window > 0.0:
+            lower_to_rows(b[:count], highest[:count])
+            spread(highest[:count], step[first:first + count - 1], window)
+        last = first + count
+        retime_piece(a[:count], b[:count], highest[:count], step[first:last - 1], x[first:last])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _used(q, d1, d2, feed, u, x, geometry, load, bounds, out):
+    m = len(geometry[2])
+    a, b = np.empty(_row_count(m)), np.empty(_row_count(m))
+    scratch = _scratch(m)
+    for k in range(len(q)):
+        _, fastest = _node(q[k], d1[k], d2[k], feed[k], geometry, load, bounds, a, b, scratch)
+        worst = x[k] * fastest * fastest
+        for row in range(len(a)):
+            worst = max(worst, a[row] * u[k] + b[row] * x[k])
+        out[k] = worst
+
+
+def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, accel: float, feed_accel: float,
+            keep: float) -> tuple[tuple, tuple, tuple]:
+    """Geometry, load and bounds of a robot as the compiled functions take them.
+
+    t_max (m,) N; winding (m,) mm/s^2 and winding_speed (m,) mm/s of cable; accel mm/s^2 per axis of the platform;
+    feed_accel mm/s^2 of filament; keep: share of every range that may be used.
+    """
+    geometry = tuple(np.ascontiguousarray(column, float) for column in (
+        robot.anchors, robot.pulley_axes, robot.pulley_radii, robot.attachments))
+    size = max(float(np.linalg.norm(robot.attachments, axis=1).max()), 1e-9)
+    load = (-robot.mass * NEWTON * GRAVITY, robot.mass * NEWTON, np.ascontiguousarray(robot.centre_of_mass), size)
+    caps = np.concatenate((winding, winding_speed))
+    bounds = (np.ascontiguousarray(robot.tension_min), np.ascontiguousarray(t_max), caps, accel, feed_accel, keep)
+    return geometry, load, bounds
+
+
+def solve(q: Array, d1: Array, d2: Array, feed: Array, tight: Array, top: Array, step: Array, nodes: Array,
+          window: float, robot_columns: tuple[tuple, tuple, tuple]) -> tuple[Array, Array]:
+    """x (G,) at the nodes of a block of pieces and the margin (G,) at rest as a share of the range (<= 0: cannot rest).
+
+    q, d1, d2 (G, 3) platform origin in the machine frame and its derivatives by s; feed (G,) filament per mm;
+    tight (G,) factors on the rows; top (G,); step (G,); nodes (P+1,) as in recursion.retime; window s.
+    """
+    x, margin = np.empty((2, len(q)))
+    geometry, load, bounds = robot_columns
+    _solve(q, d1, d2, feed, tight, top, step, nodes, window, geometry, load, bounds, x, margin)
+    return x, margin
+
+
+def used(q: Array, d1: Array, d2: Array, feed: Array, u: Array, x: Array, robot_columns: tuple) -> Array:
+    """(K,) largest share of any limit that (u, x) uses; nan where a cable cannot run."""
+    out = np.empty(len(q))
+    geometry, load, bounds = robot_columns
+    _used(q, d1, d2, feed, u, x, geometry, load, bounds, out)
+    return out
+
+
+def serves(robot: Robot) -> bool:
+    """Six freedoms and two cables more."""
+    return bool(robot.freedoms.all()) and robot.cables == FREEDOMS + 2
