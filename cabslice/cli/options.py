@@ -95,7 +95,7 @@ class Placing:
 
 
 placing = _gather("placing", Placing, {
-    "unit": click.option("--unit", type=click.Choice(["um", "mm", "cm", "m", "inch", "foot"]), default="mm",
+    "unit": click.option("--unit", type=click.Choice(["mm", "cm", "m", "inch", "ft"]), default="mm",
                          show_default=True, help="Unit of the model's numbers (3MF carries its own)."),
     "scale": click.option("--scale", type=click.FloatRange(0, min_open=True), default=1.0,
                           help="Size of the part times this."),
@@ -104,6 +104,12 @@ placing = _gather("placing", Placing, {
     "at": click.option("--at", type=Numbers("x", "y"),
                        help="Where the part's middle stands on the bed, mm; default: the bed's middle."),
 })
+
+
+jobs = click.option("-j", "--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1,
+                    help="Threads; the result is the same for any number. Default: one a core.")
+engine = click.option("--engine", type=click.Choice(["compiled", "toppra"]), default="compiled", show_default=True,
+                      help="What finds the speed: our own recursion, or toppra as the reference.")
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,7 @@ def target(output: Output, source: str, formats: tuple[str, ...], talk: Talk) ->
         return Target("-", _format(output.format or formats[0], formats), True), replace(talk, aside=True)
     path = _path(output, source, formats)
     format = _format(output.format or path.suffix.removeprefix("."), formats)
-    _claim(path, output.overwrite)
+    claim(path, output.overwrite)
     return Target(str(path), format, output.overwrite), talk
 
 
@@ -161,8 +167,9 @@ def _format(name: str, formats: tuple[str, ...]) -> str:
     raise UsageError(f"There is no output format {name!r} here; -o's suffix or --format may be: {known}.")
 
 
-def _claim(path: Path, overwrite: bool) -> None:
-    """Refuse now what could not be written at the end."""
+def claim(path: str | Path, overwrite: bool) -> None:
+    """Refuse now what could not be written at the end. Raises OutputError."""
+    path = Path(path)
     if path.is_dir():
         raise OutputError(f"{path} is a folder; end it with / to write into it.", file=str(path))
     if path.exists() and not overwrite:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -47,7 +49,7 @@ class Talk:
         if self.json:
             print_json(content)
         elif not (self.aside and self.quiet):
-            for block in blocks:
+            for block in filter(None, blocks):
                 block.print(out) if isinstance(block, Table) else print(block, file=out)
 
     @contextmanager
@@ -88,7 +90,10 @@ class Table:
             table.add_column(name.lstrip(">"), justify=justify, no_wrap=not out.isatty())
         for row in self.rows:
             table.add_row(*row)
-        Console(file=out, highlight=False, markup=False, width=None if out.isatty() else 400).print(table)
+        text = io.StringIO()
+        width = shutil.get_terminal_size().columns if out.isatty() else 400
+        Console(file=text, highlight=False, markup=False, width=width).print(table)
+        print(*map(str.rstrip, text.getvalue().splitlines()), sep="\n", file=out)
 
 
 def clock(seconds: float) -> str:

@@ -1,0 +1,49 @@
+"""cabslice export"""
+
+from __future__ import annotations
+
+import click
+
+from cabslice.cli import options
+from cabslice.cli.options import Machine, Output, Placing
+from cabslice.cli.report import Talk
+
+FORMATS = ("stream", "csv")
+
+
+@click.command("export")
+@click.argument("file", metavar="PART")
+@options.machine
+@options.placing
+@options.engine
+@options.jobs
+@click.option("--period-ms", type=click.FloatRange(0.25, 50), help="Sample time of the drives; default: the printer's.")
+@options.output
+@options.talk
+def export(
+    file: str, machine: Machine, placing: Placing, engine: str, jobs: int, period_ms: float | None, output: Output,
+    talk: Talk,
+) -> None:
+    """Write the motor file. From a part this does everything: slice, check, plan, audit.
+
+    PART is a mesh, a .layers, a .path or a .plan. Writes .stream (binary) or .csv; nothing where the check or the audit
+    finds anything (exit code 4).
+    """
+    target, talk = options.target(output, file, FORMATS, talk)
+    from cabslice import pipeline
+    from cabslice.cli import tables
+    from cabslice.cli.job import begin, summary
+
+    product = begin(file, machine, placing, talk)
+    with talk.progress() as tick:
+        planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
+        period = period_ms / 1e3 if period_ms else pipeline.period_of(planned)
+        stream = pipeline.to_stream(planned, verdict, period_s=period)
+        found = pipeline.save_stream(stream, target.path, target.format, overwrite=target.overwrite, progress=tick)
+    content = summary("export", product, target.path) | {"numbers": found, "verdict": verdict.as_dict()}
+    name = pipeline.profiles_of(planned.origin).printer.name
+    talk.answer(
+        content, f"{name} can make {planned.origin.part}: check and audit found nothing against it.",
+        tables.number_table(found), tables.cable_table(found), f"wrote {target.path}",
+        *([f"next: cabslice inspect {target.path}"] if target.path != "-" else []),
+    )

@@ -1,0 +1,91 @@
+"""From a file and the options of a command to a product with its profiles: the one way in for every command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cabslice.cli.options import Machine, Placing
+from cabslice.cli.report import Talk
+from cabslice.errors import ModelError, UsageError
+
+if TYPE_CHECKING:
+    from cabslice.pipeline import Placed
+    from cabslice.store import Product
+
+
+def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed | Product:
+    """Read a part or an earlier product; say on stderr which profiles are used and what was mended."""
+    from cabslice import pipeline, store
+
+    if not Path(file).is_file():
+        raise ModelError(f"{file}: there is no such file.", file=file)
+    if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
+        product: Any = _adapted(store.load(file)[1], file, machine, placing)
+        tell_profiles(product.origin, talk)
+        return product
+    profiles = pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
+    if Path(file).suffix.lower() in pipeline.GCODE:
+        if placing.given:
+            raise UsageError(f"{file} is G-code: --unit, --scale, --turn and --at are for the part; slice it again.")
+        start: Any = pipeline.read_gcode(file, profiles)
+    else:
+        start = pipeline.read(file, profiles, pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at))
+    tell_profiles(start.origin, talk)
+    for sentence in (*start.origin.repairs, *start.origin.warnings):
+        talk.say(sentence if sentence.startswith(start.origin.part) else f"{start.origin.part}: {sentence}")
+    return start
+
+
+def printer_name(given: str | None) -> str:
+    """-p, else CABSLICE_PRINTER, else the user's choice; else UsageError that lists the printers."""
+    from cabslice.profile import shelf
+
+    name = given or shelf.default_printer()
+    if not name:
+        raise UsageError(f"Which printer? Give -p one of: {', '.join(shelf.names('printers'))}.")
+    return name
+
+
+def tell_profiles(origin: Any, talk: Talk) -> None:
+    from cabslice import pipeline
+
+    profiles = pipeline.profiles_of(origin)
+    talk.say(f"printer {profiles.printer.name}, material {profiles.material.name}, process {profiles.process.name}")
+
+
+def _adapted(product: Product, file: str, machine: Machine, placing: Placing) -> Product:
+    """A product keeps what it was made with; only the printer may still be another one, until it is planned for."""
+    from cabslice import pipeline, store
+    from cabslice.profile import shelf
+
+    if not machine.given and not placing.given:
+        return product
+    old = pipeline.profiles_of(product.origin)
+    printer_sets, material_sets, process_sets = shelf.split_sets(machine.sets)
+    fixed = [name for name, given in (
+        ("placement", placing.given), ("material", material_sets or machine.material not in (None, old.material.name)),
+        ("process", process_sets or machine.process not in (None, old.process.name)),
+    ) if given]
+    if not fixed and (machine.printer or printer_sets):
+        printer = shelf.load_printer(machine.printer or old.printer.name, printer_sets)
+        if printer == old.printer:
+            return product
+        if not isinstance(product, store.Planned):
+            return pipeline.for_printer(product, printer)
+        fixed = ["printer"]
+    if fixed:
+        raise UsageError(f"{file} has its own {' and '.join(fixed)}: to change that, start from an earlier file.")
+    return product
+
+
+def summary(command: str, product: Placed | Product, output: str | None = None) -> dict[str, Any]:
+    """What every command's JSON begins with."""
+    from cabslice import pipeline
+
+    origin = product.origin
+    content = {
+        "ok": True, "command": command, "part": origin.part, "profiles": pipeline.profile_names(origin),
+        "placement": pipeline.placement_of(origin), "repairs": origin.repairs, "warnings": origin.warnings,
+    }
+    return content | ({"output": output} if output else {})

@@ -1,0 +1,67 @@
+"""Numbers and verdicts as the tables a person reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cabslice.cli.report import Table, clock
+
+Show = Callable[[Any], str]
+
+NUMBERS: dict[str, tuple[str, Show]] = {   # key of view.numbers: what it is called, how it is said
+    "triangles": ("triangles", lambda value: f"{value}"),
+    "size_mm": ("size", lambda value: " x ".join(f"{side:.2f}" for side in value) + " mm"),
+    "part_mm3": ("volume", lambda value: f"{value / 1e3:.3f} cm3"),
+    "layers": ("layers", lambda value: f"{value}"),
+    "height_mm": ("height", lambda value: f"{value:.2f} mm"),
+    "moves": ("moves", lambda value: f"{value}"),
+    "extruded_mm": ("beads", lambda value: f"{value / 1e3:.2f} m"),
+    "travel_mm": ("travel", lambda value: f"{value / 1e3:.2f} m"),
+    "retractions": ("retractions", lambda value: f"{value}"),
+    "filament_mm": ("filament", lambda value: f"{value / 1e3:.3f} m"),
+    "mass_g": ("weight", lambda value: f"{value:.2f} g"),
+    "duration_s": ("print time", lambda value: clock(value)),
+    "peak_nozzle_speed_mm_s": ("peak nozzle speed", lambda value: f"{value:.2f} mm/s"),
+    "peak_nozzle_acceleration_mm_s2": ("peak nozzle acceleration", lambda value: f"{value:.0f} mm/s2"),
+    "period_s": ("period", lambda value: f"{value * 1e3:g} ms"),
+    "rows": ("rows", lambda value: f"{value}"),
+}
+CABLES: dict[str, tuple[str, str]] = {     # per-cable key: head, format
+    "min_tension_n": ("tension from N", ".2f"),
+    "max_tension_n": ("to N", ".2f"),
+    "peak_motor_speed_rad_s": ("motor speed rad/s", ".3f"),
+    "peak_motor_acceleration_rad_s2": ("acceleration rad/s2", ".1f"),
+    "peak_torque_n_m": ("torque N m", ".3f"),
+    "rms_torque_n_m": ("rms N m", ".3f"),
+}
+
+
+def number_table(numbers: Mapping[str, Any]) -> Table:
+    return Table(("", ""), [(words, show(numbers[key])) for key, (words, show) in NUMBERS.items() if key in numbers])
+
+
+def cable_table(numbers: Mapping[str, Any]) -> Table | str:
+    """One row a cable, where the numbers have any."""
+    keys = [key for key in CABLES if key in numbers]
+    if not keys:
+        return ""
+    columns = [[f"{value:{CABLES[key][1]}}" for value in numbers[key]] for key in keys]
+    rows = [(str(cable), *row) for cable, row in enumerate(zip(*columns, strict=True), start=1)]
+    return Table((">cable", *(f">{CABLES[key][0]}" for key in keys)), rows)
+
+
+def finding_table(findings: Sequence[Any]) -> Table | str:
+    if not findings:
+        return ""
+    rows = [
+        (f.code, str(f.layer), *(f"{x:.2f}" for x in f.xyz), str(f.cable or "-"),
+         f"{f.value:.4g}", f"{f.limit:.4g}", f.unit)
+        for f in findings
+    ]
+    return Table(("what", ">layer", ">x mm", ">y mm", ">z mm", ">cable", ">value", ">limit", "unit"), rows)
+
+
+def checked_lines(verdict: Any) -> str:
+    margins = [f"  smallest margin {key}: {value:.4g}" for key, value in verdict.margins.items()]
+    return "\n".join(["checked:", *(f"  {sentence}" for sentence in verdict.checked), *margins])

@@ -1,0 +1,327 @@
+"""The stages in order: part, layers, path, plan, motor file. Each takes the product before it, or any earlier one.
+
+    read        a mesh file                      -> Placed
+    read_gcode  another slicer's work            -> Laid
+    to_layers   Placed                           -> Sliced    .layers
+    to_path     Placed or Sliced                 -> Laid      .path
+    to_plan     Placed, Sliced or Laid           -> Planned   .plan     and the Verdict that let it through
+    to_stream   Planned, with its Verdict        -> MotorStream
+
+A product carries its profiles, so a stage needs nothing but the product. A path is planned only where `check` found
+nothing, and a stream is made only where the audit of the finished motion found nothing either.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cabslice.errors import ImpossibleError, ProfileError, UsageError
+from cabslice.feasibility.findings import Verdict
+from cabslice.files import atomic
+from cabslice.mesh.part import Part
+from cabslice.motors.stream import MotorStream
+from cabslice.profile import shelf
+from cabslice.profile.material import Material
+from cabslice.profile.printer import Printer
+from cabslice.profile.process import Process
+from cabslice.robot.model import Robot, robot_from_printer
+from cabslice.slicing.layer import Layer
+from cabslice.store import Laid, Origin, Planned, Product, Sliced
+from cabslice.toolpath.path import Toolpath
+from cabslice.toolpath.summary import summary
+from cabslice.view import numbers
+
+GCODE = (".gcode", ".gco", ".g")
+Progress = Callable[[str, int, int], None]   # stage, done, total
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Profiles:
+    printer: Printer
+    material: Material
+    process: Process
+
+
+@dataclass(frozen=True)
+class Placement:
+    unit: str = "mm"
+    scale: float = 1.0
+    turn_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
+    at_mm: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A part on the bed and what it will be made with: the start of the chain, not stored."""
+
+    origin: Origin
+    part: Part
+
+
+# ---- profiles
+
+def load_profiles(printer: str, material: str | None, process: str | None, sets: Sequence[str] = ()) -> Profiles:
+    """Find, check and match them; the printer's defaults where material or process is None.
+
+    Raises ProfileError, or UsageError where the printer names no default.
+    """
+    printer_sets, material_sets, process_sets = shelf.split_sets(sets)
+    machine = shelf.load_printer(printer, printer_sets)
+    material = material or machine.defaults.material
+    process = process or machine.defaults.process
+    if material is None or process is None:
+        missing, option = ("material", "-m") if material is None else ("process", "--process")
+        names = ", ".join(shelf.names("materials" if material is None else "processes"))
+        raise UsageError(f"Printer {machine.name} has no default {missing}; give {option} one of: {names}.")
+    return matched(
+        Profiles(machine, shelf.load_material(material, material_sets), shelf.load_process(process, process_sets))
+    )
+
+
+def matched(profiles: Profiles) -> Profiles:
+    """The same profiles, or ProfileError where they do not go together or the printer cannot print."""
+    printer, process = profiles.printer, profiles.process
+    shelf.require_printing(printer)
+    assert printer.nozzle is not None
+    if abs(printer.nozzle.diameter_mm - process.nozzle_mm) > 1e-6:
+        raise ProfileError(printer.name, [
+            f"nozzle.diameter_mm is {printer.nozzle.diameter_mm:g}, but process {process.name} is made for "
+            f"{process.nozzle_mm:g} mm: choose another --process, or -s nozzle.diameter_mm={process.nozzle_mm:g}."
+        ])
+    return profiles
+
+
+def profiles_of(origin: Origin) -> Profiles:
+    """The profiles a product carries."""
+    return Profiles(
+        Printer.model_validate_json(origin.printer),
+        Material.model_validate_json(origin.material),
+        Process.model_validate_json(origin.process),
+    )
+
+
+def for_printer(product: Sliced | Laid, printer: Printer) -> Sliced | Laid:
+    """The same layers or path, to be made by another printer with the same nozzle and filament."""
+    old = profiles_of(product.origin)
+    matched(Profiles(printer, old.material, old.process))
+    assert printer.extruder is not None
+    filament = printer.extruder.filament_diameter_mm
+    if isinstance(product, Laid) and filament != product.toolpath.filament_diameter_mm:
+        raise UsageError(
+            f"The path was laid for filament of {product.toolpath.filament_diameter_mm:g} mm, {printer.name} takes "
+            f"{filament:g} mm: start from the part or its .layers."
+        )
+    return replace(product, origin=replace(product.origin, printer=_json(printer)))
+
+
+def _json(model: Printer | Material | Process) -> str:
+    return model.model_dump_json(by_alias=True)
+
+
+# ---- stages
+
+def read(path: str | Path, profiles: Profiles, placement: Placement) -> Placed:
+    """A mesh file, mended and placed on the bed. Raises ModelError."""
+    from cabslice.mesh.load import load_mesh
+    from cabslice.mesh.place import place
+
+    part = load_mesh(path, unit=placement.unit, scale=placement.scale)
+    part = place(part, turn_deg=placement.turn_deg, at_mm=placement.at_mm)
+    origin = Origin(
+        part.name, part.sha256, part.repairs, part.warnings,
+        placement.unit, float(placement.scale), tuple(placement.turn_deg), placement.at_mm,
+        _json(profiles.printer), _json(profiles.material), _json(profiles.process),
+    )
+    return Placed(origin, part)
+
+
+def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
+    """The path in another slicer's G-code, with the profiles it will be made with. Raises GcodeError."""
+    from cabslice.toolpath.gcode_read import read_gcode as read_file
+
+    assert profiles.printer.extruder is not None
+    filament = profiles.printer.extruder.filament_diameter_mm
+    reading = read_file(Path(path), filament_diameter_mm=filament)
+    origin = Origin(
+        Path(path).name, hashlib.sha256(Path(path).read_bytes()).hexdigest(), (), reading.warnings,
+        "mm", 1.0, (0.0, 0.0, 0.0), None, _json(profiles.printer), _json(profiles.material), _json(profiles.process),
+    )
+    return Laid(origin, reading.toolpath)
+
+
+def to_layers(product: Placed | Product, progress: Progress = silent) -> Sliced:
+    if isinstance(product, Placed):
+        return Sliced(product.origin, tuple(_cut(product, progress)))
+    return _only(product, Sliced, "layers")
+
+
+def to_path(product: Placed | Product, progress: Progress = silent) -> Laid:
+    from cabslice.toolpath.order import lay_toolpath
+
+    if not isinstance(product, (Placed, Sliced)):
+        return _only(product, Laid, "path")
+    profiles = profiles_of(product.origin)
+    assert profiles.printer.extruder
+    layers: Iterable[Layer] = product.layers if isinstance(product, Sliced) else _cut(product, progress)
+    toolpath = lay_toolpath(
+        layers, profiles.process, profiles.material,
+        filament_diameter_mm=profiles.printer.extruder.filament_diameter_mm,
+        source=f"{product.origin.part} sha256:{product.origin.sha256}",
+    )
+    return Laid(product.origin, toolpath)
+
+
+def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
+    """Can this robot follow this path? Of a plan also: does the finished motion keep every limit?"""
+    verdict = check_path(product, progress)
+    return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
+
+
+def check_path(product: Laid | Planned, progress: Progress = silent) -> Verdict:
+    from cabslice.feasibility.check import check
+    from cabslice.toolpath.checks import check_toolpath
+
+    check_toolpath(product.toolpath)
+    return check(product.toolpath, robot_of(product), progress=partial(progress, "check"))
+
+
+def to_plan(
+    product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
+) -> tuple[Planned, Verdict]:
+    """The audited motion. Raises ImpossibleError with the findings where the robot cannot make it."""
+    if isinstance(product, Planned):
+        return product, _passed(check(product, progress, jobs=jobs))
+    laid = to_path(product, progress)
+    verdict = _passed(check_path(laid, progress))
+    plan = planned(laid, progress, engine=engine, jobs=jobs)
+    return plan, verdict.joined(_passed(audited(plan, progress, jobs=jobs)))
+
+
+def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1) -> Planned:
+    """The motion alone, neither checked nor audited."""
+    from cabslice.timing.retime import plan
+
+    tick = partial(progress, "plan")
+    return Planned(laid.origin, laid.toolpath, plan(*_given(laid), engine=engine, jobs=jobs, progress=tick))
+
+
+def audited(plan: Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
+    """The audit of the finished motion alone."""
+    from cabslice.timing.audit import audit
+
+    return audit(plan.trajectory, *_given(plan), jobs=jobs, progress=partial(progress, "audit"))
+
+
+def _given(product: Laid | Planned) -> tuple[Toolpath, Robot, Printer, Material, Process]:
+    profiles = profiles_of(product.origin)
+    return product.toolpath, robot_of(product), profiles.printer, profiles.material, profiles.process
+
+
+def to_stream(plan: Planned, verdict: Verdict, *, period_s: float) -> MotorStream:
+    """The motor commands of a plan that `verdict` let through; computed as the stream is gone through."""
+    return stream_of(plan, stream_header(plan, _passed(verdict), period_s), period_s)
+
+
+def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float) -> MotorStream:
+    from cabslice.motors.stream import make_stream
+
+    return make_stream(plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header)
+
+
+def save_stream(
+    stream: MotorStream, path: str | Path, format: str, *, overwrite: bool = False, progress: Progress = silent
+) -> dict[str, Any]:
+    """Write a motor file; the numbers of its header and, per cable, of its rows."""
+    from cabslice.motors.formats import FORMATS
+
+    tick = partial(progress, "write")
+    rows = FORMATS[format].write(stream, path, overwrite=overwrite, progress=lambda row: tick(row, stream.rows))
+    return rows.as_dict() | dict(stream.header["numbers"])
+
+
+def save_gcode(laid: Laid, path: str | Path, *, overwrite: bool = False) -> None:
+    """The path as G-code for ordinary viewers; the robot is not driven with it."""
+    from cabslice.toolpath.gcode import write_gcode
+
+    profiles = profiles_of(laid.origin)
+    with atomic(path, overwrite) as file:
+        write_gcode(
+            laid.toolpath, file,
+            printer_name=profiles.printer.name, material=profiles.material, process=profiles.process,
+        )
+
+
+def period_of(product: Product) -> float:
+    """Sample time of the printer's drives, s."""
+    return profiles_of(product.origin).printer.stream.period_ms / 1e3
+
+
+def robot_of(product: Product) -> Robot:
+    return robot_from_printer(profiles_of(product.origin).printer)
+
+
+def stream_header(plan: Planned, verdict: Verdict, period_s: float) -> dict[str, Any]:
+    """What a motor file says of its making: names and hashes, placement, numbers, what was checked."""
+    origin = plan.origin
+    return {
+        "part": {"name": origin.part, "sha256": origin.sha256},
+        "repairs": list(origin.repairs),
+        "placement": placement_of(origin),
+        "profiles": profile_names(origin),
+        "numbers": numbers_of(plan, period_s),
+        "verdict": verdict.as_dict(),
+    }
+
+
+def numbers_of(product: Laid | Planned, period_s: float | None = None) -> dict[str, Any]:
+    """Of the path; of a plan also of the motion, sampled every period_s."""
+    material = profiles_of(product.origin).material
+    found = summary(product.toolpath, density_g_cm3=material.density_g_cm3)
+    if isinstance(product, Planned):
+        found |= numbers.of_motion(product.trajectory, product.toolpath, period_s or period_of(product))
+    return found
+
+
+def placement_of(origin: Origin) -> dict[str, Any]:
+    return {"unit": origin.unit, "scale": origin.scale, "turn_deg": origin.turn_deg, "at_mm": origin.at_mm}
+
+
+def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
+    """Name and hash of each profile."""
+    profiles = profiles_of(origin)
+    models = {"printer": profiles.printer, "material": profiles.material, "process": profiles.process}
+    return {kind: {"name": model.name, "sha256": shelf.profile_hash(model)} for kind, model in models.items()}
+
+
+def _cut(placed: Placed, progress: Progress) -> Iterator[Layer]:
+    from cabslice.slicing.slicer import slice_part
+
+    profiles = profiles_of(placed.origin)
+    assert profiles.printer.nozzle
+    nozzle = profiles.printer.nozzle.diameter_mm
+    return iter(slice_part(placed.part, profiles.process, nozzle_mm=nozzle, progress=partial(progress, "slice")))
+
+
+def _only(product: Any, cls: type, stage: str) -> Any:
+    if isinstance(product, cls):
+        return product
+    raise UsageError(f"The file is already past the stage \"{stage}\": start from the part or an earlier product.")
+
+
+def _passed(verdict: Verdict) -> Verdict:
+    if verdict.ok:
+        return verdict
+    count = len(verdict.findings)
+    raise ImpossibleError(
+        f"The robot cannot make this part as asked: {count} reason{'s' if count > 1 else ''}.", verdict.findings,
+        checked=list(verdict.checked),
+    )
