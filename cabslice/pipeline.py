@@ -298,7 +298,9 @@ def placement_of(origin: Origin) -> dict[str, Any]:
 def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
     """Name and hash of each profile."""
     profiles = profiles_of(origin)
-    models = {"printer": profiles.printer, "material": profiles.material, "process": profiles.process}
+    models: dict[str, Printer | Material | Process] = {
+        "printer": profiles.printer, "material": profiles.material, "process": profiles.process,
+    }
     return {kind: {"name": model.name, "sha256": shelf.profile_hash(model)} for kind, model in models.items()}
 
 

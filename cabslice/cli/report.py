@@ -6,6 +6,7 @@ import io
 import json
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,7 +55,21 @@ class Talk:
 
     @contextmanager
     def progress(self) -> Iterator[Tick]:
-        """A bar per stage with time left, on a terminal; else nothing."""
+        """A bar per stage with time left, on a terminal; else nothing. With -v the seconds of each stage at the end."""
+        last: dict[str, float] = {}
+        began = time.perf_counter()
+        with self._bars() as tick:
+            def timed(stage: str, done: int, total: int) -> None:
+                last[stage] = time.perf_counter()
+                tick(stage, done, total)
+
+            yield timed
+        for stage, ended in last.items():
+            self.detail(f"{stage:<6} {ended - began:8.2f} s")
+            began = ended
+
+    @contextmanager
+    def _bars(self) -> Iterator[Tick]:
         if self.quiet or not sys.stderr.isatty():
             yield lambda stage, done, total: None
             return
