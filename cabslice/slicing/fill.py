@@ -1,0 +1,91 @@
+"""Filling the inside of a layer: solid and sparse lines, each laid in exactly the volume its region asks for.
+
+A region of area A is filled by lines of total length l: their spacing is then A / l (times the density), and the bead's
+width follows from it (slicing.flow). Rows are laid at an even spacing near the nominal one, so the correction is small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabslice.profile.process import Process
+from cabslice.slicing.beads import BeadList
+from cabslice.slicing.flow import bead_spacing, bead_width
+from cabslice.slicing.infill import Lines, even_lines, fixed_lines
+from cabslice.slicing.layer import Role
+from cabslice.slicing.region import Region, offset, opening
+from cabslice.slicing.walls import thin_parts
+
+CORRECTION = 0.15   # share by which the volume of solid lines may be corrected
+CORRECTION_SPARSE = 0.25
+WIDER = 1.25        # sparse lines may lie this much further apart, to make up for the links along the edge
+LINK_SOLID = 8.0    # spacings along the edge up to which neighbouring lines are linked
+LINK_SPARSE = 2.5
+
+
+@dataclass(frozen=True)
+class Filling:
+    """What is the same for all regions of a layer: bead width, its spacing, height, overlap with walls (mm); thinnest strip."""
+
+    width_mm: float
+    height_mm: float
+    overlap_mm: float
+    thinnest_mm: float
+
+    @property
+    def spacing_mm(self) -> float:
+        return float(bead_spacing(self.width_mm, self.height_mm))
+
+
+def fill_solid(beads: BeadList, region: Region, filling: Filling, angle: float, role: Role) -> Region:
+    """Adds lines side by side; returns the strips too narrow for two of them, still to be filled."""
+    if region.is_empty():
+        return region
+    s = filling.spacing_mm
+    wide = opening(region, s)
+    thin = thin_parts(region, wide, filling.thinnest_mm)
+    if wide.is_empty():
+        return thin
+    lines = even_lines(offset(wide, filling.overlap_mm - s / 2), s, angle, filling.overlap_mm, LINK_SOLID * s)
+    _lay(beads, lines, wide.area(), filling, role)
+    return thin
+
+
+def sparse_pitch(process: Process, length: float, area: float) -> float:
+    """Distance of sparse lines (mm), one for the whole part so that they stack, for a mean outline of length and area.
+
+    Half of the inside's edge will be linked at each angle; lines lie further apart to make up for it, within WIDER.
+    """
+    spacing = float(bead_spacing(process.bead_mm, process.layer_mm))
+    density = process.infill / (2 if process.pattern == "grid" else 1)
+    if density <= 0:
+        return spacing
+    inside = max(area - length * process.walls * spacing, 0.1 * area)
+    per_mm = max(density / spacing - length / (2 * inside), density / spacing / WIDER)
+    return 1 / per_mm
+
+
+def fill_sparse(
+    beads: BeadList, region: Region, filling: Filling, angles: tuple[float, ...], density: float, pitch: float
+) -> None:
+    """Adds lines at each of the angles, `pitch` mm apart, holding together `density` of the region's volume."""
+    if region.is_empty():
+        return
+    room = offset(region, filling.overlap_mm - filling.spacing_mm / 2)
+    for angle in angles:
+        lines = fixed_lines(room, pitch, angle, LINK_SPARSE * pitch)
+        _lay(beads, lines, density * region.area() / len(angles), filling, Role.SPARSE_INFILL)
+
+
+def _lay(beads: BeadList, lines: Lines, area: float, filling: Filling, role: Role) -> None:
+    """Bead widths so that the lines hold area * height, within CORRECTION of what their spacing asks for."""
+    sparse = role == Role.SPARSE_INFILL
+    most = CORRECTION_SPARSE if sparse else CORRECTION
+    spacing = np.full(len(lines.spacing), filling.spacing_mm) if sparse else lines.spacing
+    held = float((lines.lengths * spacing).sum())
+    if held > 0:
+        spacing = spacing * np.clip(area / held, 1 - most, 1 + most)
+    width = bead_width(spacing, filling.height_mm)
+    beads.add(lines.points, lines.starts, np.repeat(width, np.diff(lines.starts)), role)

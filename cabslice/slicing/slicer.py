@@ -1,0 +1,151 @@
+"""A part becomes layers of beads, one layer at a time.
+
+The way of a layer: outline (sections) -> walls from outside in (walls) -> the inside divided into skins, bridges, solid and
+sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for strips too thin for two (thin).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.errors import ModelError
+from cabslice.profile.process import Process
+from cabslice.slicing.adhesion import skirt
+from cabslice.slicing.beads import BeadList
+from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
+from cabslice.slicing.flow import bead_width
+from cabslice.slicing.heights import Heights, layer_heights
+from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.region import Region, from_rings, opening, to_polygons
+from cabslice.slicing.sections import cut
+from cabslice.slicing.surfaces import Exposure, bridge_angle, divide, exposures
+from cabslice.slicing.thin import strip_area, thin_lines
+from cabslice.slicing.walls import thin_parts, walls
+
+THINNEST = 0.3   # of the nozzle: narrower strips are left out
+WIDEST = 2.2     # of the bead: wider strips take two beads
+STEP = 0.35      # of the nozzle: distance of samples along the edge of thin strips
+THIN_CORRECTION = 0.15
+
+Progress = Callable[[int, int], None]
+
+
+class Solid(Protocol):
+    """What is sliced: a closed mesh standing on z = 0 (mesh.part.Part is one)."""
+
+    @property
+    def vertices(self) -> Array: ...
+    @property
+    def faces(self) -> Array: ...
+    @property
+    def name(self) -> str: ...
+
+
+def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None) -> Iterator[Layer]:
+    """Layers of the part from the bed up, made one by one as they are asked for.
+
+    The part stands on z = 0 (mesh.place). progress(done, all) is called after each layer. Layers without beads
+    (a gap between bodies) come too. Raises ModelError at the end if no layer has a bead.
+    """
+    height = float(part.vertices[:, 2].max())
+    heights = layer_heights(height, process.first_layer_mm, process.layer_mm)
+    outlines = (
+        from_rings(points, starts, simplify_mm=process.resolution_mm)
+        for points, starts in cut(part.vertices, part.faces, heights.plane)
+    )
+    pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
+    laid = False
+    for seen in exposures(outlines, process.top_layers, process.bottom_layers):
+        layer = _layer(seen, heights, process, nozzle_mm, pitch)
+        laid = laid or len(layer.beads.role) > 0
+        yield layer
+        if progress is not None:
+            progress(seen.index + 1, len(heights.top))
+    if not laid:
+        raise ModelError(
+            f"{part.name}: nothing to print: everywhere narrower than {THINNEST * nozzle_mm:.2g} mm, "
+            f"{THINNEST:g} of the {nozzle_mm:g} mm nozzle. Is the unit right? See --unit and --scale.", file=part.name,
+        )
+
+
+def _lateral_share(vertices: Array, faces: Array) -> tuple[float, float]:
+    """Mean over the height of the outline's length (mm) and area (mm^2), from the mesh alone."""
+    corner = vertices[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
+    height = float(np.ptp(vertices[:, 2]))
+    volume = float((normal[:, 2] * corner[:, :, 2].mean(1)).sum())
+    return float(np.hypot(normal[:, 0], normal[:, 1]).sum()) / height, volume / height
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """A region too thin for two beads; `outer`: its edge is the part's outline, not another bead."""
+
+    region: Region
+    role: Role
+    outer: bool
+
+
+def _layer(seen: Exposure, heights: Heights, process: Process, nozzle: float, pitch: float) -> Layer:
+    first = seen.index == 0
+    height = float(heights.height[seen.index])
+    inner = process.first_bead_mm if first else process.bead_mm
+    outer = process.first_bead_mm if first else process.outer_bead_mm
+    filling = Filling(inner, height, process.infill_overlap * inner, THINNEST * nozzle)
+    beads = BeadList()
+    if first:
+        for loop in skirt(seen.outline, process.skirt_loops, process.skirt_gap_mm, inner, filling.spacing_mm):
+            beads.add_rings(loop, inner, Role.SKIRT)
+    widths = tuple(outer if k == 0 else inner for k in range(process.walls))
+    levels, room = walls(seen.outline, widths, height, filling.thinnest_mm)
+    strips: list[_Strip] = []
+    for k, level in enumerate(levels):
+        beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
+        strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
+    strips += _fill(beads, room, seen, process, filling, pitch)
+    _lay_strips(beads, strips, height, WIDEST * max(inner, outer), STEP * nozzle)
+    return Layer(seen.index, float(heights.top[seen.index]), height, to_polygons(seen.outline), beads.beads(seen.outline))
+
+
+def _fill(
+    beads: BeadList, room: Region, seen: Exposure, process: Process, filling: Filling, pitch: float
+) -> list[_Strip]:
+    """Fills what the walls leave; returns the strips in it that are too thin for lines."""
+    angle = np.radians(process.infill_angle_deg)
+    crossed = angle + np.pi / 2
+    turned = crossed if seen.index % 2 else angle
+    wide = opening(room, filling.spacing_mm)
+    strips = [thin_parts(room, wide, filling.thinnest_mm)] if process.walls or process.infill else []
+    parts = divide(wide, seen, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
+    if not parts.bridge.is_empty():
+        over = bridge_angle(parts.bridge, seen.below, filling.width_mm, turned)
+        strips.append(fill_solid(beads, parts.bridge, filling, over, Role.BRIDGE))
+    strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
+    strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
+    if process.infill > 0:
+        angles = (angle, crossed) if process.pattern == "grid" else (turned,)
+        fill_sparse(beads, parts.sparse, filling, angles, process.infill, pitch)
+    return [_Strip(strip, Role.GAP_FILL, False) for strip in strips]
+
+
+def _lay_strips(beads: BeadList, strips: list[_Strip], height: float, widest: float, step: float) -> None:
+    """One bead along each strip. Between beads it holds the strip's volume; on the outline it has the strip's width."""
+    strips = [strip for strip in strips if not strip.region.is_empty()]
+    lines = thin_lines([strip.region for strip in strips], widest_mm=widest, step_mm=step)
+    for k, strip in enumerate(strips):
+        points, starts, diameter, closed = lines.of_group(k)
+        if not len(points):
+            continue
+        if strip.outer:
+            width = diameter
+        else:
+            held = strip_area(points, starts, diameter, closed)
+            factor = np.clip(strip.region.area() / held, 1 - THIN_CORRECTION, 1 + THIN_CORRECTION) if held else 1.0
+            width = bead_width(diameter * factor, height)
+        beads.add(points, starts, width, strip.role, closed)
+

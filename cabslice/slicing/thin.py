@@ -1,0 +1,209 @@
+"""Beads for regions too thin for a pair of lines: one line along the middle, as wide as the region is there.
+
+d  diameter of the widest disc at a point of the medial line, mm
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.slicing.medial import MedialLines, medial_lines
+from cabslice.slicing.region import Region, following, to_rings
+
+REACH = 0.5      # of d: free ends of a line run on by this much of their radius, towards what the disc does not cover
+JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
+DOT = 0.3        # of d: a shorter line is a dot
+DETAIL = 0.06    # of d: what place and width may be off where points are left out
+
+
+@dataclass(frozen=True)
+class ThinLines:
+    """points (M, 2) mm, diameter (M,) mm, starts (B+1,), closed (B,) bool, group (B,): index of the region it is in."""
+
+    points: Array
+    diameter: Array
+    starts: Array
+    closed: Array
+    group: Array
+
+    def of_group(self, group: int) -> tuple[Array, Array, Array, Array]:
+        """points, starts, diameter, closed of the lines in one region."""
+        mine = np.flatnonzero(self.group == group)
+        sizes = np.diff(self.starts)[mine]
+        rows = np.repeat(self.starts[mine] - (np.cumsum(sizes) - sizes), sizes) + np.arange(sizes.sum())
+        return self.points[rows], np.concatenate(([0], np.cumsum(sizes))), self.diameter[rows], self.closed[mine]
+
+
+def strip_area(points: Array, starts: Array, diameter: Array, closed: Array) -> float:
+    """mm^2 that lines as wide as their diameter cover, without their round ends."""
+    ahead = following(starts)
+    segment = np.ones(len(points), dtype=bool)
+    segment[starts[1:][~closed] - 1] = False
+    length = np.linalg.norm(points[ahead] - points, axis=1)
+    return float((length * (diameter + diameter[ahead]) / 2)[segment].sum())
+
+
+def thin_lines(regions: list[Region], *, widest_mm: float, step_mm: float) -> ThinLines:
+    """One line along each thin strip of the regions, at most widest_mm wide; regions do not see each other.
+
+    Branches that meet are joined, a spot too small for a line becomes a dot: a line of half its size.
+    """
+    rings = [to_rings(region) for region in regions]
+    sizes = [np.diff(starts) for _, starts in rings]
+    group = np.repeat(np.arange(len(rings)), [len(size) for size in sizes])
+    starts = np.concatenate(([0], np.cumsum(np.concatenate(sizes)))).astype(np.int64) if sizes else np.zeros(1, np.int64)
+    points = np.concatenate([ring for ring, _ in rings]) if rings else np.zeros((0, 2))
+    if not len(points):
+        none = np.zeros(0)
+        return ThinLines(points, none, starts[:1], none.astype(bool), none.astype(np.int64))
+    apart = np.ptp(points[:, 0]) + 4 * widest_mm
+    shift = np.repeat(group * apart, np.diff(starts))   # regions side by side, so that one pass does them all
+    found = medial_lines(points + np.stack((shift, 0 * shift), 1), starts, widest_mm=widest_mm, step_mm=step_mm)
+    lines = _joined(found)
+    lined = np.array([line.ring for line in lines], dtype=np.int64)
+    lines += _dots(points + np.stack((shift, 0 * shift), 1), starts, lined, widest_mm)
+    return _columns(lines, group, apart)
+
+
+@dataclass
+class _Line:
+    points: Array
+    diameter: Array
+    closed: bool
+    ring: int
+
+
+def _joined(found: MedialLines) -> list[_Line]:
+    """Runs chained where their ends meet, then lengthened at free ends and thinned out."""
+    runs = [slice(a, b) for a, b in zip(found.starts[:-1], found.starts[1:], strict=True)]
+    first, last = found.starts[:-1], found.starts[1:] - 1
+    mates = _mates(found.points, found.diameter, first, last)
+    lines: list[_Line] = []
+    used = [False] * len(runs)
+    for head in _chain_heads(mates, len(runs)):
+        run, end = head
+        if used[run]:
+            continue
+        pieces: list[Array] = []
+        width: list[Array] = []
+        closed = False
+        while True:                              # enter run at `end`, leave at its other end
+            used[run] = True
+            rows = runs[run]
+            pieces.append(found.points[rows][:: 1 if end == 0 else -1])
+            width.append(found.diameter[rows][:: 1 if end == 0 else -1])
+            mate = mates.get((run, 1 - end))
+            if mate is None or used[mate[0]]:
+                closed = mate is not None and mate == head
+                break
+            run, end = mate
+        line = _finish(np.concatenate(pieces), np.concatenate(width), closed, int(found.ring[head[0]]))
+        if line is not None:
+            lines.append(line)
+    return lines
+
+
+def _chain_heads(mates: dict[tuple[int, int], tuple[int, int]], count: int) -> list[tuple[int, int]]:
+    """Free ends first, then any end, for chains that close."""
+    free = [(run, end) for run in range(count) for end in (0, 1) if (run, end) not in mates]
+    return free + [(run, 0) for run in range(count)]
+
+
+def _mates(points: Array, diameter: Array, first: Array, last: Array) -> dict[tuple[int, int], tuple[int, int]]:
+    """Ends (run, 0 or 1) that continue each other: nearest pairs first, each end once."""
+    ends = np.stack((first, last), axis=1).ravel()
+    place, reach = points[ends], JOIN * diameter[ends]
+    if len(ends) < 2:
+        return {}
+    order = np.argsort(place[:, 0], kind="stable")
+    upto = np.searchsorted(place[order, 0], place[order, 0] + reach.max(), side="right")
+    count = upto - np.arange(len(ends)) - 1
+    i = np.repeat(np.arange(len(ends)), count)
+    j = i + 1 + np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
+    i, j = order[i], order[j]
+    gap = np.linalg.norm(place[i] - place[j], axis=1)
+    # the two ends of one run continue each other only if it goes around: is much longer than the gap
+    long = (last - first)[i // 2] >= 8
+    near = np.flatnonzero((gap <= np.minimum(reach[i], reach[j])) & ((i // 2 != j // 2) | long))
+    found: dict[tuple[int, int], tuple[int, int]] = {}
+    for k in near[np.argsort(gap[near], kind="stable")]:
+        a, b = divmod(int(i[k]), 2), divmod(int(j[k]), 2)
+        if a not in found and b not in found:
+            found[a], found[b] = b, a
+    return found
+
+
+def _finish(points: Array, diameter: Array, closed: bool, ring: int) -> _Line | None:
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    if length < DOT * diameter.max():
+        return None
+    if not closed:
+        points, diameter = _lengthen(points, diameter)
+    keep = thin_out(np.column_stack((points, diameter)), DETAIL * float(diameter.min()))
+    return _Line(points[keep], diameter[keep], closed, ring)
+
+
+def _lengthen(points: Array, diameter: Array) -> tuple[Array, Array]:
+    """Both ends run on straight, by REACH of their radius."""
+    for _ in (0, 1):
+        back = np.linalg.norm(points - points[0], axis=1)
+        ahead = int(np.argmax(back > diameter[0] / 2)) or len(points) - 1
+        step = (points[0] - points[ahead]) / max(back[ahead], 1e-12)
+        points = np.concatenate(([points[0] + REACH * diameter[0] / 2 * step], points))[::-1]
+        diameter = np.concatenate((diameter[:1], diameter))[::-1]
+    return points, diameter
+
+
+def thin_out(points: Array, tolerance: float) -> Array:
+    """Indices of the points (M, k) of an open line to keep: the others lie within tolerance of it (Douglas-Peucker)."""
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    todo = [(0, len(points) - 1)]
+    while todo:
+        a, b = todo.pop()
+        if b - a < 2:
+            continue
+        along = points[b] - points[a]
+        away = points[a + 1 : b] - points[a]
+        share = np.clip(away @ along / max(along @ along, 1e-24), 0, 1)
+        off = np.linalg.norm(away - share[:, None] * along, axis=1)
+        far = int(off.argmax())
+        if off[far] > tolerance:
+            keep[a + 1 + far] = True
+            todo += [(a, a + 1 + far), (a + 1 + far, b)]
+    return np.flatnonzero(keep)
+
+
+def _dots(points: Array, starts: Array, lined: Array, widest: float) -> list[_Line]:
+    """A short line along the longer axis of every outline that has no line and is no bigger than a dot."""
+    dots = []
+    for ring in np.setdiff1d(np.arange(len(starts) - 1), lined):
+        loop = points[starts[ring] : starts[ring + 1]]
+        ahead = np.roll(loop, -1, axis=0)
+        area = (loop[:, 0] * ahead[:, 1] - ahead[:, 0] * loop[:, 1]).sum() / 2
+        middle = (loop.min(0) + loop.max(0)) / 2
+        if area <= 0:
+            continue
+        size = np.ptp(loop, axis=0)
+        width = min(float(np.sqrt(area)), float(size.min()), widest)
+        axis = np.array([1.0, 0.0]) if size[0] >= size[1] else np.array([0.0, 1.0])
+        half = area / width / 4
+        dots.append(_Line(np.array([middle - half * axis, middle + half * axis]), np.full(2, width), False, int(ring)))
+    return dots
+
+
+def _columns(lines: list[_Line], group: Array, apart: float) -> ThinLines:
+    if not lines:
+        none = np.zeros(0)
+        return ThinLines(np.zeros((0, 2)), none, np.zeros(1, np.int64), none.astype(bool), none.astype(np.int64))
+    sizes = [len(line.points) for line in lines]
+    of_line = group[[line.ring for line in lines]]
+    points = np.concatenate([line.points for line in lines])
+    points[:, 0] -= np.repeat(of_line, sizes) * apart
+    return ThinLines(
+        points, np.concatenate([line.diameter for line in lines]), np.cumsum([0, *sizes]),
+        np.array([line.closed for line in lines]), of_line,
+    )
