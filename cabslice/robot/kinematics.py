@@ -16,7 +16,8 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.robot.model import Robot
 from cabslice.robot.pulley import CableLines, bend, lead
-from cabslice.robot.rotation import cross, matrix
+from cabslice.robot.pulley_kernel import fill_jacobian, place_attachments
+from cabslice.robot.rotation import cross
 
 
 def cables(robot: Robot, poses: Array, *, refuse: bool = True) -> CableLines:
@@ -24,9 +25,11 @@ def cables(robot: Robot, poses: Array, *, refuse: bool = True) -> CableLines:
 
     Raises PoseError where an attachment lies inside its pulley or on its anchor; ``refuse=False`` gives nan there.
     """
-    poses = np.asarray(poses, float)
-    lever = robot.attachments @ matrix(poses[:, 3:]).swapaxes(1, 2)
-    return lead(robot, poses[:, None, :3] + lever, lever, refuse=refuse)
+    poses = np.ascontiguousarray(poses, float).view()
+    poses.flags.writeable = False      # one compiled version, whether the caller's poses may be written or not
+    lever, tip = np.empty((2, len(poses), robot.cables, 3))
+    place_attachments(poses, robot.attachments, lever, tip)
+    return lead(robot, tip, lever, refuse=refuse)
 
 
 def lengths(robot: Robot, poses: Array) -> Array:
@@ -40,7 +43,9 @@ def jacobian(robot: Robot, poses: Array, *, lines: CableLines | None = None) -> 
     By virtual work this is minus the transposed wrench matrix (Pott 2018, 3.2).  `lines`: what `cables` gave.
     """
     lines = lines or cables(robot, poses)
-    return -np.concatenate((lines.unit, cross(lines.lever, lines.unit)), axis=2)
+    rows = np.empty((*lines.free.shape, 6))
+    fill_jacobian(lines.unit, lines.lever, rows)
+    return rows
 
 
 def length_rates(robot: Robot, poses: Array, rates: Array, *, lines: CableLines | None = None) -> Array:

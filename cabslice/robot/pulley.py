@@ -23,7 +23,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import PoseError
 from cabslice.robot.model import Robot
-from cabslice.robot.rotation import cross
+from cabslice.robot.pulley_kernel import lead_cables
 
 
 @dataclass(frozen=True)
@@ -47,29 +47,12 @@ def lead(robot: Robot, tip: Array, lever: Array, *, refuse: bool = True) -> Cabl
     Raises PoseError where rho <= r_p or d <= r_p (for an eyelet: d = 0), naming cable and pose number; with
     ``refuse=False`` the columns of such cables hold nan instead.  Source: Gueners 2021, 3.1.2; Pott 2012.
     """
-    r, axis = robot.pulley_radii, robot.pulley_axes
-    arm = tip - robot.anchors
-    height = np.einsum("kmi,mi->km", arm, axis)
-    arm -= height[..., None] * axis
-    rho = np.sqrt(np.einsum("kmi,kmi->km", arm, arm))
-    square = (rho - r) ** 2 + height**2
-    outside = (square > r * r) & ((rho > r) | (r == 0))
-    if not outside.all():
-        if refuse:
-            raise _inside_out(robot, tip, rho, np.sqrt(square), outside)
-        square = np.where(outside, square, np.nan)
-    swivel = arm / np.where(rho > 0, rho, 1.0)[..., None]
-    free = np.sqrt(square - r * r)
-    sine, cosine = ((rho - r) * free + height * r) / square, (height * free - (rho - r) * r) / square
-    wrap = np.arctan2(sine, cosine)
-    wrap += 2 * np.pi * (wrap < 0)
-    up, out = (r * sine)[..., None], (r * (1 - cosine))[..., None]
-    return CableLines(
-        tip=tip, lever=lever, exit=robot.anchors + out * swivel + up * axis,
-        unit=-sine[..., None] * swivel - cosine[..., None] * axis,
-        free=free, wrap=wrap, length=r * wrap + free, side=cross(axis, swivel),
-        lateral=np.where(r > 0, sine / np.where(r > 0, rho, 1.0), 1 / free),
-    )
+    vectors, numbers = np.empty((3, *tip.shape)), np.empty((4, *tip.shape[:2]))
+    lead_cables(tip, robot.anchors, robot.pulley_axes, robot.pulley_radii, vectors, numbers)
+    if refuse and np.isnan(numbers[0]).any():
+        raise _inside_out(robot, tip, numbers[0])
+    (exit, unit, side), (free, wrap, length, lateral) = vectors, numbers
+    return CableLines(tip, lever, exit, unit, free, wrap, length, side, lateral)
 
 
 def hessian(lines: CableLines) -> Array:
@@ -91,14 +74,19 @@ def bend(lines: CableLines, motion: Array) -> Array:
     return (speed - along**2) / lines.free + (lines.lateral - 1 / lines.free) * aside**2
 
 
-def _inside_out(robot: Robot, tip: Array, rho: Array, d: Array, outside: Array) -> PoseError:
-    pose, cable = (int(i) for i in np.argwhere(~outside)[0])
+def _inside_out(robot: Robot, tip: Array, free: Array) -> PoseError:
+    pose, cable = (int(i) for i in np.argwhere(np.isnan(free))[0])
+    arm, axis, radius = tip[pose, cable] - robot.anchors[cable], robot.pulley_axes[cable], robot.pulley_radii[cable]
+    height = arm @ axis
+    rho = np.linalg.norm(arm - height * axis)
     where, wanted = f"cable {cable + 1} at pose {pose}", "expected more than the pulley radius"
-    radius, place = robot.pulley_radii[cable], ", ".join(f"{x:.3f}" for x in tip[pose, cable])
-    if radius == 0:
+    place = ", ".join(f"{x:.3f}" for x in tip[pose, cable])
+    if not np.isfinite(arm).all():
+        fault = "expected finite numbers"
+    elif radius == 0:
         fault = "it has no length"
-    elif rho[pose, cable] <= radius:
-        fault = f"it is {rho[pose, cable]:.3f} mm from the swivel axis, {wanted} {radius:.3f} mm"
+    elif rho <= radius:
+        fault = f"it is {rho:.3f} mm from the swivel axis, {wanted} {radius:.3f} mm"
     else:
-        fault = f"it is {d[pose, cable]:.3f} mm from the pulley centre, {wanted} {radius:.3f} mm"
+        fault = f"it is {np.hypot(rho - radius, height):.3f} mm from the pulley centre, {wanted} {radius:.3f} mm"
     return PoseError(f"{where}: attachment at ({place}) mm: {fault}", cable=cable + 1, pose=pose)
