@@ -77,8 +77,9 @@ def distance_rates(robot: Robot, lines: CableLines) -> Array:
 
 
 def segment_distance(start: Array, end: Array, other_start: Array, other_end: Array) -> Array:
-    """Distance (...,) mm between segments given by their ends (..., 3) mm."""
-    ends = [np.moveaxis(np.asarray(end, dtype=float), -1, 0) for end in (start, end, other_start, other_end)]
+    """Distance (...,) mm between segments given by their ends (..., 3) mm, broadcast."""
+    given = np.broadcast_arrays(*(np.asarray(end, dtype=float) for end in (start, end, other_start, other_end)))
+    ends = [np.moveaxis(end, -1, 0) for end in given]
     return _nearest(ends[0], ends[1] - ends[0], ends[2], ends[3] - ends[2])[0]
 
 

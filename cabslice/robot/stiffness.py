@@ -155,6 +155,13 @@ def deflection(robot: Robot, poses: Array, stiff: Array, wrench: Array, *, point
     return motion[:, :3] + cross(motion[:, 3:], _lever(robot, poses, point))
 
 
+def point_compliance(robot: Robot, poses: Array, stiff: Array, *, point: Array | None = None) -> Array:
+    """Compliance (K, 3, 3) mm/N of a platform point (3,) mm (default: nozzle) against forces that act on it."""
+    columns = [deflection(robot, poses, stiff, wrench_of_force(robot, poses, axis, point=point), point=point)
+               for axis in np.eye(3)]
+    return np.stack(columns, axis=-1)
+
+
 def wrench_of_force(robot: Robot, poses: Array, force: Array, *, point: Array | None = None) -> Array:
     """Wrench (K, 6) at the platform origin of a force (K, 3) N on a point of the platform (3,) mm (default: nozzle)."""
     force = np.broadcast_to(force, (len(poses), 3))
