@@ -3,6 +3,7 @@
 import numpy as np
 
 from cabslice.robot.model import Robot, WinderColumns
+from cabslice.robot.rotation import turned
 
 MEASURED = [
     [60.21, 60.80, 61.29, 61.85, 62.41],
@@ -128,6 +129,11 @@ def random_robot(seed, *, m=8, pulleys=True, **more):
 def random_poses(seed, count, *, reach=200.0, turn=0.3):
     rng = np.random.default_rng(seed)
     return rng.uniform(-1, 1, (count, 6)) * [reach, reach, reach, turn, turn, turn]
+
+
+def moved(poses, step):
+    """Poses after a small platform move (K, 6): translation, left rotation vector."""
+    return np.hstack((poses[:, :3] + step[:, :3], turned(poses[:, 3:], step[:, 3:])))
 
 
 def gt_planar(**more):

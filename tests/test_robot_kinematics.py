@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import cabfab_init_x, cabfab_optim, cable_robot, gt_planar, random_poses, random_robot
+from robots import cabfab_init_x, cabfab_optim, cable_robot, gt_planar, moved, random_poses, random_robot
 from scipy.spatial.transform import Rotation
 
 from cabslice.robot import rotation
 from cabslice.robot.kinematics import cables, jacobian, length_accelerations, length_rates, lengths
 
 SEEDS = st.integers(0, 2**31 - 1)
-
-
-def moved(poses, step):
-    """Poses after a small platform move (K, 6): translation, left rotation vector."""
-    return np.hstack((poses[:, :3] + step[:, :3], rotation.turned(poses[:, 3:], step[:, 3:])))
 
 
 @settings(max_examples=30, deadline=None)

@@ -3,8 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import cabfab_init_x, gt_planar, hangprinter, random_poses, random_robot
-from test_robot_kinematics import moved
+from robots import cabfab_init_x, gt_planar, hangprinter, moved, random_poses, random_robot
 
 from cabslice.robot import rotation
 from cabslice.robot.kinematics import length_rates, lengths

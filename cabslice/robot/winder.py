@@ -142,8 +142,7 @@ def motor_angles(robot: Robot, lengths: Array, tension: Array, *, home_tension: 
 
     def fault(on: Array) -> tuple[Array, Array]:
         phi = _phi(pieces, on)
-        line, climb = _line(robot, winders, pieces, phi)
-        rate = np.hypot(*np.broadcast_arrays(_radius(pieces, phi)[0], winders.axial))
+        line, climb, rate = _line(robot, winders, pieces, phi)
         return on + line.length / strain - goal, 1 + climb / (rate * strain)
 
     start = goal - _line(robot, winders, pieces, winders.home_angle[None] / winders.gear)[0].length / strain
@@ -169,9 +168,8 @@ def motor_rates(
     winders = _winders(robot)
     pieces, phi = _pieces(winders), _check(winders, np.asarray(angle, float)) / winders.gear
     strain, stretching = 1 + _strain(robot, winders, tension), _strain(robot, winders, tension_rates)
-    line, climb = _line(robot, winders, pieces, phi)
+    line, climb, rate = _line(robot, winders, pieces, phi)
     taken = winders.advantage * length_rates - (line.length + winders.advantage * lengths) * stretching / strain
-    rate = np.hypot(*np.broadcast_arrays(_radius(pieces, phi)[0], winders.axial))
     return -winders.gear * taken / (rate * strain + climb)
 
 
@@ -186,11 +184,11 @@ def loaded_length(robot: Robot, lengths: Array, angle: Array) -> Array:
     return _line(robot, winders, _pieces(winders), angle / winders.gear)[0].length + winders.advantage * lengths
 
 
-def _line(robot: Robot, winders: WinderColumns, pieces: _Pieces, phi: Array) -> tuple[WinderLine, Array]:
-    """The line to the pulley at spool angles, and its growth per spool angle (mm/rad)."""
+def _line(robot: Robot, winders: WinderColumns, pieces: _Pieces, phi: Array) -> tuple[WinderLine, Array, Array]:
+    """The line to the pulley at spool angles, its growth and what is wound per spool angle (mm/rad)."""
     reach, slope = _radius(pieces, phi)
     line = line_at(robot, reach, winders.axial * (phi - winders.home_angle / winders.gear))
-    return line, line.by_radius * slope + line.by_offset * winders.axial
+    return line, line.by_radius * slope + line.by_offset * winders.axial, np.hypot(reach, winders.axial)
 
 
 def _constant(robot: Robot, winders: WinderColumns, home_tension: Array | None) -> Array:
@@ -211,7 +209,7 @@ def _newton(fault: Callable[[Array], tuple[Array, Array]], x: Array, tolerance: 
         value, derivative = fault(x)
         step = value / derivative
         x = x - step
-        if not np.any(np.abs(step) > tolerance):
+        if not np.any(np.abs(step) > tolerance + 4 * np.spacing(np.abs(x))):
             return x
     raise PoseError("the line between a winder and its pulley changes faster than the winder winds")
 
