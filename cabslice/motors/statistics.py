@@ -1,0 +1,139 @@
+"""The peaks of a stream, found in one pass over its blocks.
+
+Legend
+    rms   root mean square over all rows: what heats a motor over a whole print
+    qdd   (theta[i+1] - 2 theta[i] + theta[i-1]) / T^2 over the rows of the stream
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.robot.model import WinderColumns
+from cabslice.robot.winder import layer
+
+if TYPE_CHECKING:
+    from cabslice.motors.stream import Block, MotorStream
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The greatest (or least) value of each cable and the first row that has it."""
+
+    value: Array     # (m,)
+    row: Array       # (m,) int64
+
+
+@dataclass(frozen=True)
+class StreamStatistics:
+    rows: int
+    period_s: float
+    speed: Peak            # |rad/s|
+    acceleration: Peak     # |rad/s^2|
+    torque: Peak           # |N mm|
+    tension_min: Peak      # N
+    tension_max: Peak      # N
+    angle_min: Peak        # rad
+    angle_max: Peak        # rad
+    torque_rms: Array      # (m,) N mm
+    filament_mm: float     # fed at the end minus fed at the start
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON values, units in the keys: per cable the peaks and when they occur."""
+        keys = {
+            "speed": ("peak_motor_speed_rad_s", 1.0), "acceleration": ("peak_motor_acceleration_rad_s2", 1.0),
+            "torque": ("peak_torque_n_m", 1e-3), "tension_min": ("min_tension_n", 1.0),
+            "tension_max": ("max_tension_n", 1.0), "angle_min": ("min_angle_rad", 1.0),
+            "angle_max": ("max_angle_rad", 1.0),
+        }
+        out: dict[str, Any] = {"rows": self.rows, "period_s": self.period_s, "filament_mm": self.filament_mm}
+        for name, (key, scale) in keys.items():
+            peak = getattr(self, name)
+            out[key] = (peak.value * scale).tolist()
+            out[f"{key}_at_s"] = (peak.row * self.period_s).tolist()
+        out["rms_torque_n_m"] = (self.torque_rms * 1e-3).tolist()
+        return out
+
+
+class Tally:
+    """Takes block after block, in order, and knows the statistics so far."""
+
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
+        self.rows = 0
+        self.peaks: dict[str, Peak] = {}
+        self.squares: Array = np.zeros(0)
+        self.filament: tuple[float, float] | None = None
+        self.tail: Array = np.zeros((0, 0))          # last two rows of angles, for the acceleration
+
+    def add(self, block: Block) -> None:
+        self._largest("speed", np.abs(block.velocity), block.row)
+        self._largest("torque", np.abs(block.torque), block.row)
+        self._largest("tension_max", block.tension, block.row)
+        self._largest("tension_min", -block.tension, block.row)
+        self._largest("angle_max", block.angle, block.row)
+        self._largest("angle_min", -block.angle, block.row)
+        self._accelerations(block)
+        squares = np.einsum("nm,nm->m", block.torque, block.torque)
+        self.squares = squares if not self.rows else self.squares + squares
+        self.filament = (self.filament[0] if self.filament else float(block.filament[0]), float(block.filament[-1]))
+        self.rows += len(block)
+
+    def _accelerations(self, block: Block) -> None:
+        angle = np.concatenate((self.tail, block.angle)) if self.rows else block.angle
+        first = block.row + len(block) - len(angle) + 1
+        self._largest("acceleration", np.abs(angle[2:] - 2 * angle[1:-1] + angle[:-2]), first)
+        self.tail = angle[-2:]
+
+    def _largest(self, name: str, values: Array, first: int) -> None:
+        if not len(values):
+            return
+        row = np.argmax(values, axis=0)
+        value = np.take_along_axis(values, row[None], 0)[0]
+        known = self.peaks.get(name)
+        if known is not None:
+            better = value > known.value
+            value, row = np.where(better, value, known.value), np.where(better, row + first, known.row)
+        else:
+            row = row + first
+        self.peaks[name] = Peak(value, row)
+
+    def result(self) -> StreamStatistics:
+        """Raises ValueError before the first block."""
+        if self.filament is None:
+            raise ValueError("a stream without rows has no statistics")
+        peaks = dict(self.peaks)
+        still = Peak(np.zeros(len(self.squares)), np.zeros(len(self.squares), np.int64))
+        acceleration = peaks.pop("acceleration", still)
+        for name in ("tension_min", "angle_min"):
+            peaks[name] = Peak(-peaks[name].value, peaks[name].row)
+        return StreamStatistics(
+            rows=self.rows, period_s=self.period_s, torque_rms=np.sqrt(self.squares / self.rows),
+            acceleration=Peak(acceleration.value / self.period_s**2, acceleration.row),
+            filament_mm=self.filament[1] - self.filament[0], **peaks,
+        )
+
+
+def observed(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
+    """The same blocks, each counted on its way."""
+    for block in blocks:
+        tally.add(block)
+        yield block
+
+
+def statistics(stream: MotorStream) -> StreamStatistics:
+    """Goes once through a stream."""
+    tally = Tally(stream.period_s)
+    for block in stream:
+        tally.add(block)
+    return tally.result()
+
+
+def layers_used(winders: WinderColumns, found: StreamStatistics) -> Array:
+    """(m, 2) int: lowest and highest winder layer of each cable during the print."""
+    return layer(winders, np.stack((found.angle_min.value, found.angle_max.value))).T

@@ -1,0 +1,297 @@
+"""What the drives are told: rows at a fixed period, made and passed on in blocks, never whole in memory.
+
+Legend
+    theta    motor angle (multi-turn, rad); winding in is positive     T     period (s); row i is played at i T
+    qd, qdd  (theta[i+1] - theta[i-1]) / 2T and (theta[i+1] - 2 theta[i] + theta[i-1]) / T^2 of the commanded angles
+    t        planned cable tension (N), inertia of the platform included, and the elastic rest lengths from it
+    r        cable wound per motor angle (mm/rad; the radius of a plain winder)
+    I, c     inertia (kg mm^2) and Coulomb friction (N mm) of motor and winder
+    tau      feed-forward torque r t + I qdd + c clip(qd / CREEP, -1, 1)   (N mm): friction without a step through rest
+
+The machine is at rest before the first and after the last row. Both ends are mirrored (theta[-1] = theta[1]): a motion
+that starts from rest is even in time to second order, so qd is exactly 0 there and qdd is that of the first period.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+import numpy as np
+
+from cabslice import __version__
+from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.errors import ImpossibleError, PoseError, UsageError
+from cabslice.feasibility.findings import Finding
+from cabslice.motors.limits import Limits, nozzle_xyz, when_where
+from cabslice.robot import kinematics, tension, winder, wrench
+from cabslice.robot.model import NEWTON, Robot
+
+SCHEMA = 1
+BLOCK_ROWS = 8192
+CREEP = 1e-3          # rad/s below which friction is faded in
+UNITS = {
+    "angle": "rad", "velocity": "rad/s", "torque": "N mm", "tension": "N",
+    "filament": "mm of filament fed since the start", "move": "row of the toolpath",
+    "pose": "mm, rotation vector rad, machine frame",
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive rows from `row` on."""
+
+    row: int
+    angle: Array                # (n, m) rad
+    velocity: Array             # (n, m) rad/s
+    torque: Array               # (n, m) N mm
+    tension: Array              # (n, m) N, planned
+    filament: Array             # (n,) mm since the start
+    move: Array | None = None   # (n,) int64, row of the toolpath
+
+    def __post_init__(self) -> None:
+        shape = Shapes("Block")
+        names = ("angle", "velocity", "torque", "tension")
+        columns = {name: shape.column(name, getattr(self, name), "n m") for name in names}
+        columns["filament"] = shape.column("filament", self.filament, "n")
+        if self.move is not None:
+            columns["move"] = shape.column("move", self.move, "n", np.int64)
+        set_columns(self, **columns)
+
+    def __len__(self) -> int:
+        return len(self.filament)
+
+
+def present(block: Block) -> dict[str, Array]:
+    """The columns a block has, in order."""
+    columns = {field.name: getattr(block, field.name) for field in fields(block) if field.name != "row"}
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+@dataclass(frozen=True)
+class MotorStream:
+    """A header and blocks of rows that can be gone through again and again.
+
+    header: JSON values only. schema, kind, version, robot, period_s, rows, cables, duration_s, units, start_pose,
+    start_angles_rad, start_tensions_n, largest_radius_mm, and what the caller gave (hashes of part and
+    profiles). Nothing in it depends on clock, user or folder. `blocks` begins a new pass.
+    """
+
+    header: Mapping[str, Any]
+    blocks: Callable[[], Iterable[Block]]
+
+    def __post_init__(self) -> None:
+        plain = json.loads(json.dumps(dict(self.header)), parse_constant=lambda _: None)   # JSON has no infinity
+        object.__setattr__(self, "header", MappingProxyType(plain))
+
+    def __iter__(self) -> Iterator[Block]:
+        return iter(self.blocks())
+
+    @property
+    def rows(self) -> int:
+        return int(self.header["rows"])
+
+    @property
+    def cables(self) -> int:
+        return int(self.header["cables"])
+
+    @property
+    def period_s(self) -> float:
+        return float(self.header["period_s"])
+
+
+def rechunk(blocks: Iterable[Block], size: int) -> Iterator[Block]:
+    """The same rows in blocks of `size`, the last one shorter."""
+    waiting: list[Block] = []
+    for block in blocks:
+        waiting.append(block)
+        while sum(map(len, waiting)) >= size:
+            whole = waiting[0] if len(waiting) == 1 else _join(waiting)
+            waiting = [cut(whole, size, len(whole))] if len(whole) > size else []
+            yield cut(whole, 0, size)
+    if waiting:
+        yield _join(waiting)
+
+
+def cut(block: Block, start: int, stop: int) -> Block:
+    """Rows start:stop of a block."""
+    if (start, stop) == (0, len(block)):
+        return block
+    return Block(block.row + start, **{name: column[start:stop] for name, column in present(block).items()})
+
+
+def _join(blocks: list[Block]) -> Block:
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in present(blocks[0])}
+    return Block(blocks[0].row, **columns)
+
+
+def row_count(duration_s: float, period_s: float) -> int:
+    """Rows that reach the end: the last one is the end of the motion, at most a period after the one before."""
+    return max(2, math.ceil(duration_s / period_s - 1e-9) + 1)
+
+
+def make_stream(
+    trajectory: Any,
+    robot: Robot,
+    *,
+    period_s: float,
+    header: Mapping[str, Any],
+    layers: Array | None = None,
+    sample: Callable[[Any, Array], Any] | None = None,
+    block_rows: int = BLOCK_ROWS,
+    jobs: int = 1,
+) -> MotorStream:
+    """The motor commands of a trajectory, computed block by block each time the stream is gone through.
+
+    `jobs` threads compute blocks ahead; the rows do not depend on it.
+
+    `header` holds what only the caller knows (hashes of part and profiles). `layers` (N,) is the layer of each move,
+    to name it in findings. `sample(trajectory, t (K,))` gives poses, rates, accels (K, 6), filament and move (K,);
+    timing's own unless told. Going through the stream raises ImpossibleError (with findings that name time, xyz and
+    cable) at the first block that breaks a limit of tension, motor speed, peak torque or winder, and after the last
+    block where the root-mean-square torque of the print is above the continuous torque.
+    """
+    if robot.winders is None:
+        raise UsageError(f"The printer {robot.name or 'given'} has no winders: there are no motors to command.")
+    if not period_s > 0:
+        raise UsageError(f"The period of the stream is {period_s} s; it must be above 0.")
+    rows = row_count(trajectory.duration, period_s)
+    source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers)
+
+    starts = range(0, rows, block_rows)
+
+    def blocks() -> Iterator[Block]:
+        limits = Limits(robot, period_s, source.place)
+        for block in _ahead(lambda start: source.block(start, min(start + block_rows, rows)), starts, jobs):
+            limits.look_at(block)
+            yield block
+        limits.finish()
+
+    return MotorStream(_header(header, source), blocks)
+
+
+def _ahead(make: Callable[[int], Block], starts: Iterable[int], jobs: int) -> Iterator[Block]:
+    """The blocks in order, up to 2 jobs of them in the making."""
+    if jobs <= 1:
+        yield from map(make, starts)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting: deque[Future[Block]] = deque()
+        try:
+            for start in starts:
+                waiting.append(pool.submit(make, start))
+                if len(waiting) > 2 * jobs:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def timing_sample() -> Callable[[Any, Array], Any]:
+    from cabslice.timing.trajectory import sample
+
+    return sample
+
+
+@dataclass(frozen=True)
+class _Source:
+    trajectory: Any
+    robot: Robot
+    period_s: float
+    rows: int
+    sample: Callable[[Any, Array], Any]
+    layers: Array | None
+
+    def block(self, start: int, stop: int) -> Block:
+        """Rows start:stop; one row more on either side is computed so that the differences see no border."""
+        winders, inner = self.robot.winders, slice(1, -1)
+        assert winders is not None
+        samples, planned, angle = self.commanded(self._mirrored(np.arange(start - 1, stop + 1)))
+        velocity = (angle[2:] - angle[:-2]) / (2 * self.period_s)
+        acceleration = (angle[2:] - 2 * angle[inner] + angle[:-2]) / self.period_s**2
+        torque = winder.transmission(winders, angle[inner]) * planned[inner]
+        torque += winders.inertia * acceleration * NEWTON
+        torque += winders.friction * np.clip(velocity / CREEP, -1, 1)
+        filament, move = samples.filament[inner], samples.move[inner]
+        return Block(start, angle[inner], velocity, torque, planned[inner], filament, move)
+
+    def commanded(self, rows: Array) -> tuple[Any, Array, Array]:
+        """Samples, tensions (K, m) and motor angles (K, m) of rows (K,); ImpossibleError where there are none."""
+        robot, samples = self.robot, self.at(rows)
+        try:
+            lines = kinematics.cables(robot, samples.poses)
+            matrix = wrench.wrench_matrix(robot, samples.poses, masked=True, lines=lines)
+            required = wrench.required_wrench(robot, samples.poses, samples.rates, samples.accels, masked=True)
+            bounds = robot.tension_min, robot.tension_max, robot.tension_reference
+            found = tension.nearest(matrix, required, *bounds)
+            if not found.feasible.all():
+                self._refuse_tension(rows, found)
+            angle = winder.motor_angles(robot, lines.length, found.tension)
+        except PoseError as error:
+            self._refuse_pose(rows, error)
+        return samples, found.tension, angle
+
+    def at(self, rows: Array) -> Any:
+        return self.sample(self.trajectory, np.minimum(rows * self.period_s, self.trajectory.duration))
+
+    def place(self, row: int) -> tuple[int, tuple[float, float, float]]:
+        """Layer (-1 where not known) and nozzle of a row."""
+        samples = self.at(np.array([row]))
+        layer = -1 if self.layers is None else int(self.layers[int(samples.move[0])])
+        return layer, nozzle_xyz(self.robot, samples.poses[0])
+
+    def _mirrored(self, rows: Array) -> Array:
+        last = self.rows - 1
+        return last - np.abs(last - np.abs(rows))
+
+    def _refuse_tension(self, rows: Array, found: Any) -> NoReturn:
+        at = int(np.argmin(np.where(found.feasible, np.inf, found.margin)))
+        margin = float(found.margin[at])
+        self._refuse(
+            "stream-tension", int(rows[at]), 0, margin, "N", "Plan again with a lower acceleration.",
+            f"no cable tensions within bounds hold the platform in this motion: {-margin:.3f} N are missing.",
+        )
+
+    def _refuse_pose(self, rows: Array, error: PoseError) -> NoReturn:
+        """A winder that is full, or a pose the cables cannot be led to: with time and place of the first such row."""
+        at = error.details.get("sample", error.details.get("pose", 0))
+        self._refuse(
+            "stream-winder", int(rows[at]), error.details.get("cable", 0), float("nan"), "rad",
+            "Move the part, or give the winder more layers.", re.sub(r" at (sample|pose) \d+", "", error.sentence) + ".",
+        )
+
+    def _refuse(self, code: str, row: int, cable: int, value: float, unit: str, remedy: str, what: str) -> NoReturn:
+        layer, xyz = self.place(row)
+        sentence = f"{when_where(row * self.period_s, xyz)} {what}"
+        raise ImpossibleError(sentence, [Finding(code, layer, xyz, cable, value, 0.0, unit, sentence, remedy)])
+
+
+def _header(given: Mapping[str, Any], source: _Source) -> dict[str, Any]:
+    samples, planned, angle = source.commanded(np.zeros(1, dtype=np.int64))
+    robot = source.robot
+    return {
+        **given,
+        "schema": SCHEMA, "kind": "stream", "version": __version__, "robot": robot.name, "units": UNITS,
+        "period_s": source.period_s, "rows": source.rows, "cables": robot.cables,
+        "duration_s": float(source.trajectory.duration), "start_pose": samples.poses[0].tolist(),
+        "start_angles_rad": angle[0].tolist(), "start_tensions_n": planned[0].tolist(),
+        "largest_radius_mm": _largest_radius(robot),
+    }
+
+
+def _largest_radius(robot: Robot) -> float:
+    """mm of cable per rad of motor at most, whatever layer."""
+    winders = robot.winders
+    assert winders is not None
+    far = np.where(winders.slope != 0, np.abs(winders.span / winders.gear[:, None]).max(axis=1), 0.0)
+    radius = np.hypot(winders.radii.max(axis=1) + np.abs(winders.slope) * far, winders.axial)
+    return float((radius / (winders.gear * winders.advantage)).max())
