@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -219,8 +220,9 @@ def _clock(
     spent[pieces[:-1]] = window
     spent[0] = window / 2
     _dwell(toolpath, first, pieces, spent)
-    area = np.cumsum(gained)
-    return np.cumsum(spent), area - np.repeat(area[pieces[:-1]], np.diff(pieces))
+    # piece by piece: a sum over all of them would lose the last digits, which finite differences see
+    area = np.concatenate([np.cumsum(gained[low:high]) for low, high in pairwise(pieces)])
+    return np.cumsum(spent), area
 
 
 def _dwell(toolpath: Toolpath, first: int, pieces: Array, spent: Array) -> None:
