@@ -60,7 +60,9 @@ def assert_balances(robot, poses, required, found):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(SPREAD))
-def test_coverage_of_five_thousand_feasible_poses(name, capsys):
+def test_coverage_of_five_thousand_feasible_poses(name, capsys, request):
+    if "slow" not in request.config.getoption("-m"):
+        pytest.skip("20,000 linear programmes: run with `pytest -m slow`")
     robot, poses = some_poses(name, 12000, seed=2)
     required = required_wrench(robot, poses)
     by_lp = distribute(robot, poses, required, method="lp").feasible

@@ -93,6 +93,12 @@ def test_what_is_missing_is_reported_and_nothing_is_clamped():
     assert np.isnan(again.tension[missed]).all()
 
 
+def test_no_poses_no_tensions():
+    found = tension.nearest_tension(INIT_X, np.zeros((0, 6)), np.zeros((0, 6)))
+    assert found.tension.shape == (0, 8)
+    assert len(found) == 0
+
+
 def test_bounds_and_references_may_differ_from_pose_to_pose():
     rng = np.random.default_rng(9)
     wrench, required = random_case(rng, 30, 6, 8, spread=20.0)
