@@ -305,6 +305,15 @@ def test_hangprinter_motor_angles_agree_with_its_firmware():
     np.testing.assert_allclose(angle, -unwound, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_transmission_bounds_hold_everywhere_and_are_met(kind):
+    winders = KINDS[kind]
+    low, high = winder.transmission_bounds(winders)
+    ends = np.stack((np.maximum(winders.span[:, 0], -2000.0), winders.span[:, 1]))
+    found = winder.transmission(winders, np.linspace(*ends, 20001))
+    np.testing.assert_allclose([found.min(axis=0), found.max(axis=0)], [low, high], rtol=1e-12)
+
+
 def test_transmission_is_the_work_of_the_motor():
     """Torque times turning is tension times cable taken in: transmission is -dL/dtheta where the line stands still."""
     robot = hangprinter(axial_stiffness=np.full(4, 1e15))

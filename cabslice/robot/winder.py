@@ -31,7 +31,7 @@ from cabslice.robot.winder_line import WinderLine, line_at, line_to_pulley
 
 __all__ = [
     "angle_of", "layer", "line_to_pulley", "loaded_length", "motor_angles", "motor_rates", "pulley_lengths_of",
-    "radius", "transmission", "wound",
+    "radius", "transmission", "transmission_bounds", "wound",
 ]
 
 
@@ -127,6 +127,17 @@ def transmission(winders: WinderColumns, angle: Array) -> Array:
     For a plain radial winder it is the radius.  Raises PoseError outside winders.span.
     """
     return np.hypot(radius(winders, angle), winders.axial) / (winders.gear * winders.advantage)
+
+
+def transmission_bounds(winders: WinderColumns) -> tuple[Array, Array]:
+    """Smallest and largest transmission (m,) mm/rad over winders.span: of any kind, for limits of speed and torque."""
+    knots = _pieces(winders).phi * winders.gear[:, None]
+    low, high = winders.span.T[..., None]
+    # the radius is piecewise linear: its extremes are at knots or at the ends, and constant below the first knot
+    lowest = np.where(np.isfinite(low), low, np.minimum(knots[:, :1], high))
+    looked = np.clip(np.hstack((knots, lowest, high)), lowest, high)
+    found = transmission(winders, looked.T)
+    return found.min(axis=0), found.max(axis=0)
 
 
 def motor_angles(robot: Robot, lengths: Array, tension: Array, *, home_tension: Array | None = None) -> Array:
