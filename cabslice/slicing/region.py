@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from math import acos, ceil, pi
 
 import numpy as np
-from manifold3d import CrossSection, FillRule, JoinType, OpType
+from manifold3d import CrossSection as Region
+from manifold3d import FillRule, JoinType, OpType
 
 from cabslice.arrays import Array
 from cabslice.slicing.layer import Polygons
-
-Region = CrossSection
 
 ARC_MM = 0.005   # how far the chords of a rounded corner may leave its arc
 BOUND = 0.6      # manifold3d's simplify leaves outlines by up to 1.6 times what it is asked

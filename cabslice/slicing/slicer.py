@@ -21,11 +21,11 @@ from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
 from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, layer_heights
 from cabslice.slicing.layer import Layer, Role
-from cabslice.slicing.region import Region, from_rings, opening, to_polygons
+from cabslice.slicing.region import Region, from_rings, to_polygons
 from cabslice.slicing.sections import cut
-from cabslice.slicing.surfaces import Exposure, bridge_angle, divide, exposures
+from cabslice.slicing.surfaces import Neighbours, bridge_angle, divide, neighbours
 from cabslice.slicing.thin import strip_area, thin_lines
-from cabslice.slicing.walls import thin_parts, walls
+from cabslice.slicing.walls import Inside, walls
 
 THINNEST = 0.3   # of the nozzle: narrower strips are left out
 WIDEST = 2.2     # of the bead: wider strips take two beads
@@ -60,12 +60,12 @@ def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Pro
     )
     pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
     laid = False
-    for seen in exposures(outlines, process.top_layers, process.bottom_layers):
-        layer = _layer(seen, heights, process, nozzle_mm, pitch)
+    for near in neighbours(outlines, process.top_layers, process.bottom_layers):
+        layer = _layer(near, heights, process, nozzle_mm, pitch)
         laid = laid or len(layer.beads.role) > 0
         yield layer
         if progress is not None:
-            progress(seen.index + 1, len(heights.top))
+            progress(near.index + 1, len(heights.top))
     if not laid:
         raise ModelError(
             f"{part.name}: nothing to print: everywhere narrower than {THINNEST * nozzle_mm:.2g} mm, "
@@ -91,39 +91,38 @@ class _Strip:
     outer: bool
 
 
-def _layer(seen: Exposure, heights: Heights, process: Process, nozzle: float, pitch: float) -> Layer:
-    first = seen.index == 0
-    height = float(heights.height[seen.index])
+def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, pitch: float) -> Layer:
+    first = near.index == 0
+    height = float(heights.height[near.index])
     inner = process.first_bead_mm if first else process.bead_mm
     outer = process.first_bead_mm if first else process.outer_bead_mm
     filling = Filling(inner, height, process.infill_overlap * inner, THINNEST * nozzle)
     beads = BeadList()
     if first:
-        for loop in skirt(seen.outline, process.skirt_loops, process.skirt_gap_mm, inner, filling.spacing_mm):
+        for loop in skirt(near.outline, process.skirt_loops, process.skirt_gap_mm, inner, filling.spacing_mm):
             beads.add_rings(loop, inner, Role.SKIRT)
     widths = tuple(outer if k == 0 else inner for k in range(process.walls))
-    levels, room = walls(seen.outline, widths, height, filling.thinnest_mm)
+    levels, inside = walls(near.outline, widths, height, filling.thinnest_mm, filling.spacing_mm)
     strips: list[_Strip] = []
     for k, level in enumerate(levels):
         beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
-    strips += _fill(beads, room, seen, process, filling, pitch)
+    strips += _fill(beads, inside, near, process, filling, pitch)
     _lay_strips(beads, strips, height, WIDEST * max(inner, outer), STEP * nozzle)
-    return Layer(seen.index, float(heights.top[seen.index]), height, to_polygons(seen.outline), beads.beads(seen.outline))
+    return Layer(near.index, float(heights.top[near.index]), height, to_polygons(near.outline), beads.beads(near.outline))
 
 
 def _fill(
-    beads: BeadList, room: Region, seen: Exposure, process: Process, filling: Filling, pitch: float
+    beads: BeadList, inside: Inside, near: Neighbours, process: Process, filling: Filling, pitch: float
 ) -> list[_Strip]:
     """Fills what the walls leave; returns the strips in it that are too thin for lines."""
     angle = np.radians(process.infill_angle_deg)
     crossed = angle + np.pi / 2
-    turned = crossed if seen.index % 2 else angle
-    wide = opening(room, filling.spacing_mm)
-    strips = [thin_parts(room, wide, filling.thinnest_mm)] if process.walls or process.infill else []
-    parts = divide(wide, seen, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
-    if not parts.bridge.is_empty():
-        over = bridge_angle(parts.bridge, seen.below, filling.width_mm, turned)
+    turned = crossed if near.index % 2 else angle
+    strips = [inside.thin] if process.walls or process.infill else []
+    parts = divide(inside.wide, near, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
+    if near.below is not None and not parts.bridge.is_empty():
+        over = bridge_angle(parts.bridge, near.below, filling.width_mm, turned)
         strips.append(fill_solid(beads, parts.bridge, filling, over, Role.BRIDGE))
     strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))

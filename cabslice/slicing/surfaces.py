@@ -1,8 +1,8 @@
 """Which part of a layer's inside is skin: solid layers under every top and over every bottom surface, and bridges.
 
-For layer i with outline O_i: what shows from above is up_i = O_i - O_(i+1), from below down_i = O_i - O_(i-1). A point of
-layer i has fewer than n layers above it exactly if it is in up_j for one j of i..i+n-1: it is in O_i, and j is the last
-layer it stays inside. So one difference per layer serves the skins of all layers near it.
+A point of a layer needs solid infill unless it is inside all outlines of the next `top_layers` above and the next
+`bottom_layers` below; beyond the first and the last layer outlines are empty. One running intersection of outlines serves
+both, and where it holds the whole inside, as it does along steep sides, nothing else is asked.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, repeat
 
 import numpy as np
 
@@ -28,42 +29,61 @@ from cabslice.slicing.region import (
 
 
 @dataclass(frozen=True)
-class Exposure:
-    """A layer's outline, what of it shows from above and below, and the same of the layers that make its skins solid."""
+class Neighbours:
+    """A layer's outline, the ones above and below it, and what is common to all layers near it.
+
+    Beyond the ends `above` and `below` are empty; they are None where no top or bottom layers are asked for, and for the
+    first layer `below` is None: it lies on the bed.
+    """
 
     index: int
     outline: Region
-    below: Region              # outline of the layer under it, empty for the first
-    up: Region
-    down: Region               # air under it; empty for the first layer, which lies on the bed
-    near_up: tuple[Region, ...]     # up of this layer and the next ones, as many as top layers
-    near_down: tuple[Region, ...]   # down of this layer and the ones under it; the first layer's is its outline
+    above: Region | None
+    below: Region | None
+    common: Region
 
 
-def exposures(outlines: Iterable[Region], top_layers: int, bottom_layers: int) -> Iterator[Exposure]:
-    """One Exposure per outline, in order; holds top_layers + bottom_layers + 2 layers at a time."""
-    waiting: deque[tuple[int, Region, Region, Region]] = deque()  # index, outline, below, down
-    ups: deque[Region] = deque()
-    downs: deque[Region] = deque(maxlen=max(bottom_layers, 1))
-    before = Region()
+def neighbours(outlines: Iterable[Region], top_layers: int, bottom_layers: int) -> Iterator[Neighbours]:
+    """One per outline, in order; holds top_layers + bottom_layers + 1 outlines at a time."""
+    window: deque[Region] = deque()
+    common = RunningIntersection()
+    index = 0
+    for outline in chain(repeat(Region(), bottom_layers), outlines, repeat(Region(), top_layers)):
+        window.append(outline)
+        common.push(outline)
+        if len(window) <= top_layers + bottom_layers:
+            continue
+        above = window[bottom_layers + 1] if top_layers else None
+        below = window[bottom_layers - 1] if bottom_layers and index else None
+        yield Neighbours(index, window[bottom_layers], above, below, common.value())
+        index += 1
+        window.popleft()
+        common.pop()
 
-    def release() -> Exposure:
-        index, outline, below, down = waiting.popleft()
-        downs.append(down if index else outline)
-        near_up = tuple(ups)[:top_layers]
-        up = ups.popleft()
-        return Exposure(index, outline, below, up, down, near_up, tuple(downs)[-bottom_layers:] if bottom_layers else ())
 
-    for index, outline in enumerate(outlines):
-        if index:
-            ups.append(difference(before, outline))
-        waiting.append((index, outline, before, difference(outline, before) if index else Region()))
-        before = outline
-        if len(ups) > top_layers:
-            yield release()
-    ups.append(before)
-    while waiting:
-        yield release()
+class RunningIntersection:
+    """The intersection of a queue of regions, at about three booleans per push and pop however long the queue."""
+
+    def __init__(self) -> None:
+        self._front: list[Region] = []   # each the intersection of itself and all pushed after it, up to the turn
+        self._back: list[Region] = []
+        self._back_all: Region | None = None
+
+    def push(self, region: Region) -> None:
+        self._back.append(region)
+        self._back_all = region if self._back_all is None else intersection(self._back_all, region)
+
+    def pop(self) -> None:
+        if not self._front:
+            for region in reversed(self._back):
+                self._front.append(intersection(region, self._front[-1]) if self._front else region)
+            self._back, self._back_all = [], None
+        self._front.pop()
+
+    def value(self) -> Region:
+        if self._back_all is None:
+            return self._front[-1]
+        return intersection(self._front[-1], self._back_all) if self._front else self._back_all
 
 
 @dataclass(frozen=True)
@@ -76,34 +96,36 @@ class Surfaces:
     sparse: Region
 
 
-def divide(inside: Region, seen: Exposure, bead_mm: float, *, sparse: bool, solid: bool) -> Surfaces:
+def divide(inside: Region, near: Neighbours, bead_mm: float, *, sparse: bool, solid: bool) -> Surfaces:
     """Top skin, bridges, other solid and sparse parts of a layer's inside.
 
-    Patches narrower than a bead are no skin. Skins and bridges reach a bead further than what shows, to have a hold; bridges
-    two. What would be left of the sparse part narrower than two beads is solid too. sparse=False: there is no infill, all
-    that is not skin stays empty; solid=True: all of it is solid.
+    Patches narrower than a bead are no skin. Solid parts reach a bead further than they must, bridges two, to have
+    a hold. What would be left of the sparse part narrower than two beads is solid too. sparse=False: there is no infill,
+    what is not skin stays empty; solid=True: all of it is solid.
     """
-    bridge = _patch(inside, seen.down, bead_mm, 2 * bead_mm)
-    top = difference(_patch(inside, seen.up, bead_mm, 0.0), bridge)
-    if solid:
-        return Surfaces(top, bridge, difference(inside, top, bridge), Region())
-    shell = _patch(inside, union([*seen.near_up, *seen.near_down]), bead_mm, bead_mm)
-    shell = union([shell, bridge, top])
+    shell = _patches(difference(inside, near.common), bead_mm)
     if shell.is_empty():
-        return Surfaces(top, bridge, Region(), inside)
-    rest = difference(inside, shell)
-    if sparse:
-        rest = opening(rest, bead_mm)
+        nothing = Region()
+        return Surfaces(nothing, nothing, inside, nothing) if solid else Surfaces(nothing, nothing, nothing, inside)
+    bridge, top = Region(), Region()
+    if near.below is not None:
+        bridge = _grown(_patches(difference(inside, near.below), bead_mm), 2 * bead_mm, inside)
+    if near.above is not None:
+        top = difference(_patches(difference(inside, near.above), bead_mm), bridge)
+    rest = Region()
+    if not solid:
+        rest = difference(inside, _grown(shell, bead_mm, inside), bridge, top)
+        rest = opening(rest, bead_mm) if sparse else rest
     return Surfaces(top, bridge, difference(inside, top, bridge, rest), rest)
 
 
-def _patch(inside: Region, shown: Region, bead: float, grow: float) -> Region:
-    """What of the inside shows, without slivers, grown."""
-    patch = intersection(inside, shown)
-    if patch.area() < bead**2:
-        return Region()
-    patch = opening(patch, bead / 2)
-    return intersection(offset(patch, grow), inside) if grow and not patch.is_empty() else patch
+def _patches(shown: Region, bead: float) -> Region:
+    """Without slivers narrower than a bead."""
+    return opening(shown, bead / 2) if shown.area() >= bead**2 else Region()
+
+
+def _grown(patch: Region, distance: float, inside: Region) -> Region:
+    return patch if patch.is_empty() else intersection(offset(patch, distance), inside)
 
 
 def bridge_angle(bridge: Region, below: Region, reach_mm: float, fallback: float) -> float:

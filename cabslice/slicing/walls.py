@@ -2,8 +2,8 @@
 
 w  bead width, mm    s  bead spacing, mm (slicing.flow)
 The outer wall's centre line lies w/2 inside the outline, each further one a spacing inside the last. Where two
-lines would come closer to each other than a spacing, neither is laid: that strip is handed on as `thin`, to be filled by one
-bead of its own width (slicing.medial).
+lines would come closer to each other than a spacing, neither is laid: that strip is handed on as `thin`, to be filled
+by one bead of its own width (slicing.thin).
 """
 
 from __future__ import annotations
@@ -13,38 +13,64 @@ from dataclasses import dataclass
 from cabslice.slicing.flow import bead_spacing
 from cabslice.slicing.region import Region, difference, intersection, offset, opening
 
-SAME = 1e-3  # mm^2: a difference in area that is only rounding
-
 
 @dataclass(frozen=True)
 class Wall:
-    """One level of walls: centre lines as the boundary of `lines`; `thin` is what they leave unfilled at this level."""
+    """One level of walls: centre lines as the edge of `lines`; `thin` is what they leave unfilled at this level."""
 
     lines: Region
     width_mm: float
     thin: Region
 
 
-def walls(outline: Region, widths_mm: tuple[float, ...], height_mm: float, thinnest_mm: float) -> tuple[list[Wall], Region]:
-    """One Wall per width, outside first, and the region left inside them.
+@dataclass(frozen=True)
+class Inside:
+    """What is left inside the walls: `wide` has room for two fill lines everywhere, `thin` has not."""
+
+    wide: Region
+    thin: Region
+
+
+def walls(
+    outline: Region, widths_mm: tuple[float, ...], height_mm: float, thinnest_mm: float, fill_spacing_mm: float
+) -> tuple[list[Wall], Inside]:
+    """One Wall per width, outside first, and the inside for fill lines at fill_spacing_mm.
 
     Strips narrower than thinnest_mm are left out of `thin`.
     """
-    levels: list[Wall] = []
+    steps = _steps(widths_mm, height_mm)
+    depth = sum(outer + inner for outer, inner in steps)
+    wide = offset(outline, -depth)
+    whole = offset(offset(wide, -fill_spacing_mm), depth + fill_spacing_mm)
+    if not whole.is_empty() and abs(whole.area() - outline.area()) < thinnest_mm**2 / 2:
+        # the outline comes back from its core, so nothing in it is thin: the way most layers go
+        return [Wall(lines, width, Region()) for lines, width in _simple(outline, steps, widths_mm)], Inside(wide, Region())
+    levels = []
     room = outline
-    for level, width in enumerate(widths_mm):
-        spacing = float(bead_spacing(width, height_mm))
-        outer = width / 2 if level == 0 else spacing / 2
-        lines, thin, room = _level(room, outer, spacing / 2, thinnest_mm)
+    for (outer, inner), width in zip(steps, widths_mm, strict=True):
+        lines, thin, room = _level(room, outer, inner, thinnest_mm)
         levels.append(Wall(lines, width, thin))
-    return levels, room
+    wide = opening(room, fill_spacing_mm)
+    return levels, Inside(wide, thin_parts(room, wide, thinnest_mm))
+
+
+def _steps(widths: tuple[float, ...], height: float) -> list[tuple[float, float]]:
+    """Per wall: from the edge of its room to its centre line, and from there to the next room, mm."""
+    half = [float(bead_spacing(width, height)) / 2 for width in widths]
+    return [(width / 2 if k == 0 else half[k], half[k]) for k, width in enumerate(widths)]
+
+
+def _simple(outline: Region, steps: list[tuple[float, float]], widths: tuple[float, ...]) -> list[tuple[Region, float]]:
+    lines, depth = [], 0.0
+    for (outer, inner), width in zip(steps, widths, strict=True):
+        lines.append((offset(outline, -(depth + outer)), width))
+        depth += outer + inner
+    return lines
 
 
 def _level(room: Region, outer: float, inner: float, thinnest: float) -> tuple[Region, Region, Region]:
     """Centre lines at `outer` inside the edge of the room, `inner` away from the next room; thin parts; next room."""
     inside = offset(room, -(outer + inner))
-    if abs(offset(inside, outer + inner).area() - room.area()) < SAME:
-        return offset(room, -outer), Region(), inside
     lines = offset(room, -outer)
     if not lines.is_empty():
         lines = intersection(offset(inside, inner), lines)
