@@ -273,6 +273,8 @@ def test_a_full_winder_is_refused_with_time_and_place(stream):
     assert " winder 5: motor angle" in finding.sentence
     rows = np.flatnonzero(whole(stream).angle[:, 4] > span[4, 1] + 1e-9)
     assert f"At {rows[0] * PERIOD:.3f} s" in finding.sentence
+    assert finding.value == pytest.approx(whole(stream).angle[rows[0], 4])
+    assert finding.limit == span[4, 1]
 
 
 def test_a_motion_no_tension_can_hold_is_refused():

@@ -256,42 +256,37 @@ class _Source:
     def _refuse_tension(self, rows: Array, found: Any) -> NoReturn:
         at = int(np.argmin(np.where(found.feasible, np.inf, found.margin)))
         margin = float(found.margin[at])
-        self._refuse(
-            "stream-tension", int(rows[at]), 0, margin, "N", "Plan again with a lower acceleration.",
-            f"no cable tensions within bounds hold the platform in this motion: {-margin:.3f} N are missing.",
-        )
+        sentence = f"no cable tensions within bounds hold the platform in this motion: {-margin:.3f} N are missing."
+        self._refuse("stream-tension", int(rows[at]), 0, (margin, 0.0, "N"), sentence, "Plan it slower.")
 
     def _refuse_pose(self, rows: Array, error: PoseError) -> NoReturn:
         """A winder that is full, or a pose the cables cannot be led to: with time and place of the first such row."""
-        at = error.details.get("sample", error.details.get("pose", 0))
-        self._refuse(
-            "stream-winder", int(rows[at]), error.details.get("cable", 0), float("nan"), "rad",
-            "Move the part, or give the winder more layers.", re.sub(r" at (sample|pose) \d+", "", error.sentence) + ".",
-        )
+        told = error.details
+        row = int(rows[told.get("sample", told.get("pose", 0))])
+        value, (low, high) = told.get("value", 0.0), told.get("span", (0.0, 0.0))
+        sentence = re.sub(r" at (sample|pose) \d+", "", error.sentence) + "."
+        given = (value, low if value < low else high, "rad")
+        self._refuse("stream-winder" if "span" in told else "stream-pose", row, told.get("cable", 0), given, sentence,
+                     "Move the part, or give the winder more layers.")
 
-    def _refuse(self, code: str, row: int, cable: int, value: float, unit: str, remedy: str, what: str) -> NoReturn:
+    def _refuse(
+        self, code: str, row: int, cable: int, given: tuple[float, float, str], what: str, remedy: str
+    ) -> NoReturn:
+        """`given`: value, limit and unit."""
         layer, xyz = self.place(row)
         sentence = f"{when_where(row * self.period_s, xyz)} {what}"
-        raise ImpossibleError(sentence, [Finding(code, layer, xyz, cable, value, 0.0, unit, sentence, remedy)])
+        raise ImpossibleError(sentence, [Finding(code, layer, xyz, cable, *given, sentence, remedy)])
 
 
 def _header(given: Mapping[str, Any], source: _Source) -> dict[str, Any]:
     samples, planned, angle = source.commanded(np.zeros(1, dtype=np.int64))
     robot = source.robot
+    assert robot.winders is not None
     return {
         **given,
         "schema": SCHEMA, "kind": "stream", "version": __version__, "robot": robot.name, "units": UNITS,
         "period_s": source.period_s, "rows": source.rows, "cables": robot.cables,
         "duration_s": float(source.trajectory.duration), "start_pose": samples.poses[0].tolist(),
         "start_angles_rad": angle[0].tolist(), "start_tensions_n": planned[0].tolist(),
-        "largest_radius_mm": _largest_radius(robot),
+        "largest_radius_mm": float(winder.transmission_bounds(robot.winders)[1].max()),
     }
-
-
-def _largest_radius(robot: Robot) -> float:
-    """mm of cable per rad of motor at most, whatever layer."""
-    winders = robot.winders
-    assert winders is not None
-    far = np.where(winders.slope != 0, np.abs(winders.span / winders.gear[:, None]).max(axis=1), 0.0)
-    radius = np.hypot(winders.radii.max(axis=1) + np.abs(winders.slope) * far, winders.axial)
-    return float((radius / (winders.gear * winders.advantage)).max())

@@ -233,7 +233,8 @@ def _check(winders: WinderColumns, angle: Array) -> Array:
         row, cable = (int(i) for i in np.argwhere(wrong)[0])
         raise PoseError(
             f"winder {cable + 1} at sample {row}: motor angle {angle[row, cable]:.4f} rad is outside what it holds, "
-            f"expected {low[cable]:.4f} to {high[cable]:.4f} rad", cable=cable + 1, sample=row)
+            f"expected {low[cable]:.4f} to {high[cable]:.4f} rad", cable=cable + 1, sample=row,
+            value=float(angle[row, cable]), span=(float(low[cable]), float(high[cable])))
     return angle
 
 
