@@ -41,9 +41,8 @@ def walls(
     steps = _steps(widths_mm, height_mm)
     depth = sum(outer + inner for outer, inner in steps)
     wide = offset(outline, -depth)
-    whole = offset(offset(wide, -fill_spacing_mm), depth + fill_spacing_mm)
-    if not whole.is_empty() and abs(whole.area() - outline.area()) < thinnest_mm**2 / 2:
-        # the outline comes back from its core, so nothing in it is thin: the way most layers go
+    core = offset(wide, -fill_spacing_mm)
+    if not core.is_empty() and _comes_back(outline, offset(core, depth + fill_spacing_mm), thinnest_mm):
         return [Wall(lines, width, Region()) for lines, width in _simple(outline, steps, widths_mm)], Inside(wide, Region())
     levels = []
     room = outline
@@ -52,6 +51,13 @@ def walls(
         levels.append(Wall(lines, width, thin))
     wide = opening(room, fill_spacing_mm)
     return levels, Inside(wide, thin_parts(room, wide, thinnest_mm))
+
+
+def _comes_back(outline: Region, grown_core: Region, thinnest: float) -> bool:
+    """Whether the outline is its core grown again, so that nothing in it is thin: the way most layers go."""
+    if abs(grown_core.area() - outline.area()) < thinnest**2 / 2:
+        return True
+    return thin_parts(outline, grown_core, thinnest).is_empty()
 
 
 def _steps(widths: tuple[float, ...], height: float) -> list[tuple[float, float]]:
