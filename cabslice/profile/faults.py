@@ -17,7 +17,7 @@ LONGEST = 80                               # characters of a value quoted in a s
 class Fault(NamedTuple):
     place: Place                           # in the merged profile; cables count from 0
     sentence: str
-    absent: bool = False                   # the key is missing: no file to blame
+    absent: bool = False                   # there is no value whose file could be named
 
 
 def checked(kind: str, draft: Draft) -> Any:
@@ -33,7 +33,7 @@ def checked(kind: str, draft: Draft) -> Any:
     found += [Fault(place, sentence) for place, sentence in relations(kind, draft.values)]
     told = [place for place, _ in draft.faults]
     found = [fault for fault in found if not (fault.absent and fault.place in told)]
-    found = [Fault(place, sentence) for place, sentence in draft.faults] + found
+    found = [Fault(place, sentence, absent=True) for place, sentence in draft.faults] + found
     if found:
         raise ProfileError(draft.label, list(_sentences(draft, found)))
     return result

@@ -71,8 +71,9 @@ def _walk(schema: Mapping[str, Any], tables: Mapping[str, Any], prefix: tuple[st
         elif inner:
             one = {**inner, **one, "type": "object"}
         description = declared.get("description") or one.get("description", "")
-        yield Key(path, _type(one), "" if inner else _unit(path), _bound(one), declared.get("default"),
-                  name in schema.get("required", ()), inner is not None, " ".join(description.split()))
+        required = name in schema.get("required", ()) and "default" not in declared
+        yield Key(path, _type(one), "" if inner else _unit(path), _bound(one), declared.get("default"), required,
+                  inner is not None, " ".join(description.split()))
         if inner:
             yield from _walk(inner, tables, path)
 
@@ -103,9 +104,8 @@ def _type(schema: Mapping[str, Any]) -> str:
 def _list_type(schema: Mapping[str, Any]) -> str:
     low, high, items = schema.get("minItems", 0), schema.get("maxItems"), schema["items"]
     what = _type(items) if "enum" in items else _PLURALS[items["type"]]
-    if low == high:
-        return f"a list of {low} {what}"
-    return f"a list of {what}" + (", at least one" if low else "")
+    count = f"{low} " if low == high else "one or more " if low else ""
+    return f"a list of {count}{what}"
 
 
 def _bound(schema: Mapping[str, Any]) -> str:
@@ -136,6 +136,13 @@ def suggest(kind: str, path: tuple[str, ...]) -> list[str]:
         return near
     names = close(path[-1], {one[-1] for one in known})[:1]
     return [_written(one) for one in known if one[-1] in names]
+
+
+def suggest_option(path: tuple[str, ...]) -> list[str]:
+    """What an unknown --set key may have meant, among the keys of all kinds, written as --set wants them."""
+    known = {_written(key.path): key for kind in KINDS for key in keys(kind).values() if not key.table}
+    whole = close(_written(path), known)
+    return whole or [one for one, key in known.items() if key.path[-1] in close(path[-1], {key.path[-1]})][:3]
 
 
 def _written(path: tuple[str, ...]) -> str:

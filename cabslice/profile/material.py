@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cabslice.profile.printer import Positive, Table
+from cabslice.profile.printer import Name, Positive, Table
 
 Celsius = Annotated[float, Field(ge=-50, le=1000)]
 TemperatureRange = Annotated[list[Celsius], Field(min_length=2, max_length=2)]
@@ -17,7 +17,7 @@ class Material(Table):
     """Speeds are advice: outside them a warning, never a refusal. The melt flow is the limit."""
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
-    name: str = Field(min_length=1, description="absent: the name of the file; never inherited")
+    name: Name
     description: str = Field(default="", description="one line for lists; never inherited")
     source: str = Field(min_length=1, description="where the numbers come from")
     assumed: list[str] = Field(default=[], description="what the source does not give: 'key: what was assumed and why'")

@@ -13,6 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Name = Annotated[str, Field(
+    min_length=1, json_schema_extra={"default": None}, description="absent: the name of the file; never inherited",
+)]
 Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
 
 
@@ -105,7 +108,7 @@ class Pulley(Table):
 class Winder(Table):
     """The disc on the motor shaft."""
 
-    kind: Literal["radial"] = Field(default="radial", description="radial: the cable stacks on itself turn after turn")
+    kind: Literal["radial"] = Field(default="radial", description="how the cable lies: on itself, turn after turn")
     first_radius_mm: float = Field(gt=0, le=2000, description="cable centre line in layer 0")
     layer_step_mm: float = Field(ge=0, le=100, description="radius gained per layer beyond those in radii_mm")
     radii_mm: list[Positive] | None = Field(
@@ -160,7 +163,7 @@ class Printer(Table):
     """A cable printer. `assumed` names what the source does not give."""
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
-    name: str = Field(min_length=1, description="absent: the name of the file; never inherited")
+    name: Name
     kind: Literal["cable"] = Field(default="cable", description="what drives the platform")
     description: str = Field(default="", description="one line for lists; never inherited")
     source: str = Field(min_length=1, description="where the numbers come from")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cabslice.profile.printer import Table
+from cabslice.profile.printer import Name, Table
 
 Speed = Annotated[float, Field(gt=0, le=5000)]
 
@@ -40,7 +40,7 @@ class Process(Table):
     """How a part is cut into layers and beads."""
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
-    name: str = Field(min_length=1, description="absent: the name of the file; never inherited")
+    name: Name
     description: str = Field(default="", description="one line for lists; never inherited")
     source: str = Field(default="cabslice", description="where the numbers come from")
     nozzle_mm: float = Field(gt=0.05, le=10, description="bore of the nozzle it is made for")

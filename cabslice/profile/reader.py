@@ -55,18 +55,20 @@ class Draft:
             if found := self.origins.get(place[:length]):
                 return Origin(found.label, (*found.place, *place[length:]))
         for leaf, found in self.origins.items():
-            if leaf[:len(place)] == place:
+            if leaf[:len(place)] == place and len(found.place) > len(leaf) - len(place):
                 return Origin(found.label, found.place[:len(place) - len(leaf)])
         return None
 
 
 def read_sheet(path: Path) -> Sheet:
     """Raises ProfileError with the line of a syntax error, or where the file cannot be read."""
+    text = ""
     try:
         text = path.read_text(encoding="utf-8")
         return Sheet(str(path), tomllib.loads(text), text)
     except tomllib.TOMLDecodeError as error:
-        raise ProfileError(str(path), [f"not valid TOML: {error}"]) from error
+        where = str(error).replace("at end of document", f"at end of document, line {text.count(chr(10)) + 1}")
+        raise ProfileError(str(path), [f"not valid TOML: {where}"]) from error
     except UnicodeDecodeError as error:
         fault = f"not valid TOML: not UTF-8 text ({error.reason} at byte {error.start})"
         raise ProfileError(str(path), [fault]) from error

@@ -16,8 +16,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cabslice.errors import ProfileError
+from cabslice.errors import OutputError, ProfileError
+from cabslice.files import atomic
 from cabslice.profile.reader import Draft, Sheet, merge, parse_set, read_sheet
+from cabslice.profile.toml import dump
 
 if TYPE_CHECKING:
     from cabslice.profile.material import Material
@@ -63,7 +65,39 @@ def find(kind: str, ref: str | os.PathLike[str]) -> Path:
         return Path(ref)
     for path in _candidates(kind, str(ref)):
         return path
-    raise ProfileError(str(ref), [_unknown(kind, str(ref))])
+    raise ProfileError(str(ref), [unknown_name([kind], str(ref))])
+
+
+def kinds_of(ref: str | os.PathLike[str]) -> list[str]:
+    """The kinds that have a profile of this name; of a file, those its folder, its keys and its parents allow."""
+    if not _is_path(ref):
+        return [kind for kind in SINGULAR if next(_candidates(kind, str(ref)), None)]
+    path, left, seen = Path(ref), list(SINGULAR), set()
+    while len(left) > 1 and path.resolve() not in seen:
+        seen.add(path.resolve())
+        values = read_sheet(find("printers", path)).values
+        left = _alike(values, path.resolve().parent.name, left)
+        parent = values.get("inherits")
+        if not isinstance(parent, str):
+            break
+        if not _is_path(parent):
+            return [kind for kind in left if next(_candidates(kind, parent), None)] or left
+        path = path.parent / parent
+    return left
+
+
+def _alike(values: dict[str, Any], folder: str, kinds: list[str]) -> list[str]:
+    """Of these kinds the one that `folder` is called, else those that know most of the keys."""
+    from cabslice.profile.keys import keys
+
+    score = {kind: len(set(values) & {"cables", *(path[0] for path in keys(kind))}) for kind in kinds}
+    best = [kind for kind in kinds if score[kind] == max(score.values())]
+    return [folder] if folder in best else best
+
+
+def seen_from(ref: str, folder: Path) -> str:
+    """A reference as a profile in `folder` writes it behind ``inherits``: names stay, files become relative."""
+    return Path(os.path.relpath(ref, folder)).as_posix() if _is_path(ref) else ref
 
 
 def _is_path(ref: str | os.PathLike[str]) -> bool:
@@ -75,13 +109,14 @@ def _candidates(kind: str, name: str) -> Iterator[Path]:
     yield from (path for folder in folders() if (path := folder / kind / f"{name}.toml").is_file())
 
 
-def _unknown(kind: str, name: str) -> str:
+def unknown_name(kinds: Sequence[str], name: str) -> str:
+    """A sentence that tells the names like this one, or else all names."""
     from cabslice.profile.keys import close
 
-    known = names(kind)
+    known = [one for kind in kinds for one in names(kind)]
     near = close(name, known)
     hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(known) or 'none'}"
-    return f"there is no {SINGULAR[kind]} of this name; {hint}"
+    return f"there is no {' or '.join(SINGULAR[kind] for kind in kinds)} of this name; {hint}"
 
 
 # ---- reading
@@ -113,7 +148,7 @@ def _parent(kind: str, path: Path, sheet: Sheet, seen: list[Path]) -> Path | Non
     if options:
         circle = " -> ".join([*(one.stem for one in seen), Path(name).stem if _is_path(name) else name])
         raise ProfileError(sheet.label, [f"inherits: goes round in a circle: {circle}"])
-    missing = f"there is no file {options or path.parent / name}" if _is_path(name) else _unknown(kind, name)
+    missing = f"there is no file {options or path.parent / name}" if _is_path(name) else unknown_name([kind], name)
     raise ProfileError(sheet.label, [f'inherits = "{name}": {missing}'])
 
 
@@ -151,7 +186,7 @@ def split_sets(sets: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
 
     Raises UsageError where one has no "=", ProfileError with did-you-mean where no profile has its key.
     """
-    from cabslice.profile.keys import KINDS, keys, suggest
+    from cabslice.profile.keys import KINDS, keys, suggest_option
 
     sorted_: dict[str, list[str]] = {kind: [] for kind in KINDS}
     faults = []
@@ -161,7 +196,7 @@ def split_sets(sets: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
         if owner:
             sorted_[owner].append(option)
         else:
-            near = dict.fromkeys(one for kind in KINDS for one in suggest(kind, path))
+            near = suggest_option(path)
             hint = f"; did you mean {' or '.join(near)}?" if near else ""
             faults.append(f"{option.partition('=')[0].strip()}: unknown key{hint}")
     if faults:
@@ -192,6 +227,18 @@ def _configured() -> str | None:
         wanted = "the name or the file of a printer"
         raise ProfileError(str(path), [f"printer: expected {wanted}, found {values['printer']!r}"])
     return values.get("printer") or None
+
+
+def set_default_printer(ref: str) -> Path:
+    """Write `ref` (a file: by its full path) into the user's config.toml; the file written. Raises OutputError."""
+    path = user_folder() / "config.toml"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path.parent} cannot be made: {error.strerror}.", file=str(path)) from error
+    with atomic(path, overwrite=True) as file:
+        file.write(dump({"printer": str(Path(ref).resolve()) if _is_path(ref) else ref}).encode())
+    return path
 
 
 def profile_hash(model: Any) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 Place = tuple[str | int, ...]              # keys and positions (from 0) down to a value
 Comment = Callable[[Place], str]
+LONG = 120
 _HEADER = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 _PART = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
@@ -27,6 +28,14 @@ def literal(value: Any) -> str:
     return str(value)                      # numbers (inf and nan too) and dates read back as they print
 
 
+def assignment(key: str, value: Any) -> str:
+    """``key = value``; a list of texts that would make a long line stands on several."""
+    line = f"{key} = {literal(value)}"
+    if len(line) <= LONG or not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        return line
+    return "\n".join([f"{key} = [", *(f"  {literal(one)}," for one in value), "]"])
+
+
 def dump(values: Mapping[str, Any], comment: Comment = lambda place: "") -> str:
     """A TOML document of nested tables; `comment` gives what stands behind the value of a place. None is left out."""
     return "\n".join(_table(values, (), (), comment)).strip() + "\n"
@@ -36,7 +45,7 @@ def _table(values: Mapping[str, Any], header: tuple[str, ...], place: Place, com
     plain = {key: one for key, one in values.items() if one is not None and not _is_table(one)}
     for key, one in plain.items():
         note = comment((*place, key))
-        yield f"{_name(key)} = {literal(one)}" + (f"    # {note}" if note else "")
+        yield assignment(_name(key), one) + (f"    # {note}" if note else "")
     for key, one in values.items():
         name = ".".join(_name(part) for part in (*header, key))
         if isinstance(one, Mapping):

@@ -1,0 +1,164 @@
+"""cabslice profile: printers, materials and processes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from cabslice.cli import options
+from cabslice.cli.report import Table, Talk
+from cabslice.errors import ProfileError, UsageError
+
+KINDS = {"printer": "printers", "material": "materials", "process": "processes"}
+NAME = re.compile(r"[a-z0-9]+([.-][a-z0-9]+)*")
+
+
+kind_option = click.option("--kind", type=click.Choice(list(KINDS)), help="What it is, where the name does not tell.")
+
+
+@click.group("profile")
+def profile() -> None:
+    """Printers, materials and processes: what there is, what a file says, what is wrong with it."""
+
+
+@profile.command("list")
+@click.argument("kind", type=click.Choice(list(KINDS)), required=False)
+@options.talk
+def list_(kind: str | None, talk: Talk) -> None:
+    """The profiles that can be asked for by name, and where they lie."""
+    from cabslice.profile import shelf
+
+    kinds = [kind] if kind else list(KINDS)
+    found = {KINDS[one]: [_entry(one, name) for name in shelf.names(KINDS[one])] for one in kinds}
+    rows = [tuple(entry.values()) for entries in found.values() for entry in entries]
+    talk.answer({"ok": True, "command": "profile list", "default_printer": shelf.default_printer(), **found},
+                Table(("kind", "name", "what", "file"), rows))
+
+
+def _entry(kind: str, name: str) -> dict[str, str]:
+    from cabslice.profile import shelf
+
+    path = shelf.find(KINDS[kind], name)
+    return {"kind": kind, "name": name, "description": shelf.description(path), "file": str(path)}
+
+
+@profile.command("show")
+@click.argument("ref", metavar="NAME|FILE")
+@kind_option
+@click.option("-s", "--set", "sets", multiple=True, metavar="TABLE.KEY=VALUE", help="Change one key. Repeatable.")
+@options.talk
+def show(ref: str, kind: str | None, sets: tuple[str, ...], talk: Talk) -> None:
+    """One profile as it is after inheritance and --set, with the file that gave each value.
+
+    The text is TOML: a profile file of its own, without parents.
+    """
+    from cabslice.profile import shelf
+    from cabslice.profile.faults import dotted
+    from cabslice.profile.shown import show as shown
+
+    folder = _kind(ref, kind)
+    one = shown(folder, ref, sets)
+    talk.answer({
+        "ok": True, "command": "profile show", "kind": shelf.SINGULAR[folder], "name": one.model.name,
+        "files": one.files, "sha256": shelf.profile_hash(one.model), "values": one.values,
+        "origins": {dotted(place): label for place, label in one.origins.items()},
+    }, one.toml.rstrip("\n"))
+
+
+@profile.command("check")
+@click.argument("ref", metavar="NAME|FILE")
+@kind_option
+@options.talk
+def check(ref: str, kind: str | None, talk: Talk) -> None:
+    """Is this profile right? Exit code 0 yes; 3 no, with every fault: file, key, what was expected."""
+    from cabslice.profile import shelf
+    from cabslice.profile.summary import summary
+
+    folder = _kind(ref, kind)
+    files = [sheet.label for sheet in shelf.chain(folder, ref)]
+    model = shelf.load(folder, ref)
+    sentence = summary(folder, model)
+    talk.answer({
+        "ok": True, "command": "profile check", "kind": shelf.SINGULAR[folder], "name": model.name, "files": files,
+        "sha256": shelf.profile_hash(model), "sentence": sentence, "assumed": getattr(model, "assumed", []),
+    }, sentence)
+    talk.detail("\n".join(f"assumed: {one}" for one in getattr(model, "assumed", [])) or "nothing assumed")
+
+
+@profile.command("keys")
+@click.argument("kind", type=click.Choice(list(KINDS)))
+@options.talk
+def keys_(kind: str, talk: Talk) -> None:
+    """Every key of a kind of profile: type, bound, unit, default, meaning."""
+    from cabslice.profile.keys import keys
+    from cabslice.profile.toml import literal
+
+    every = [key for key in keys(KINDS[kind]).values() if not key.table]
+    rows = [
+        (key.dotted, " ".join(filter(None, (key.type, key.bound))), key.unit,
+         "required" if key.required else "" if key.default is None else literal(key.default), key.description)
+        for key in every
+    ]
+    note = ["cable.KEY stands in [cables] for all cables, in a [[cable]] for one; --set cables.KEY= or cable.3.KEY="]
+    talk.answer({"ok": True, "command": "profile keys", "kind": kind, "keys": [key.as_dict() for key in every]},
+                Table(("key", "type", "unit", "default", "what"), rows), *(note if kind == "printer" else []))
+
+
+@profile.command("new")
+@click.argument("name")
+@click.option("--kind", type=click.Choice(list(KINDS)), help="What it is; default: as --from, else a printer.")
+@click.option("--from", "parent", metavar="NAME", help="Inherit from this profile.")
+@click.option("-o", "--output", "to", metavar="FILE|DIR/|-", help="Default: NAME.toml, here.")
+@click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
+@options.talk
+def new(name: str, kind: str | None, parent: str | None, to: str | None, overwrite: bool, talk: Talk) -> None:
+    """Write a profile file to start from: every key with what it means, as a comment."""
+    from cabslice.files import atomic
+    from cabslice.profile.shown import starter
+
+    if not NAME.fullmatch(name):
+        raise UsageError(f"{name!r} is no profile name; expected lower-case letters, digits, hyphens: my-printer.")
+    if to == "-" and talk.json:
+        raise UsageError("-o - and --json both want stdout: choose one.")
+    folder = KINDS[kind] if kind else _kind(parent, None) if parent else "printers"
+    path = _target(to, name)
+    text = starter(folder, name, parent, beside=None if path == "-" else Path(path).parent)
+    with atomic(path, overwrite) as file:
+        file.write(text.encode())
+    if path != "-":
+        talk.answer({"ok": True, "command": "profile new", "name": name, "output": path},
+                    f"wrote {path}; next: edit it, then cabslice profile check {path}")
+
+
+def _target(to: str | None, name: str) -> str:
+    if to is None or to == "-":
+        return to or f"{name}.toml"
+    return str(Path(to) / f"{name}.toml") if to.endswith("/") or Path(to).is_dir() else to
+
+
+@profile.command("use")
+@click.argument("name", metavar="NAME|FILE")
+@options.talk
+def use(name: str, talk: Talk) -> None:
+    """Make this the printer when -p and CABSLICE_PRINTER are absent."""
+    from cabslice.profile import shelf
+
+    shelf.load_printer(name)
+    path = shelf.set_default_printer(name)
+    talk.answer({"ok": True, "command": "profile use", "printer": name, "output": str(path)},
+                f"{name} is the printer from now on ({path})")
+
+
+def _kind(ref: str, given: str | None) -> str:
+    """The folder of a reference. Raises ProfileError where there is none, UsageError where there are several."""
+    from cabslice.profile import shelf
+
+    found = [KINDS[given]] if given else shelf.kinds_of(ref)
+    if len(found) > 1:
+        words = " and ".join(f"a {shelf.SINGULAR[one]}" for one in found)
+        raise UsageError(f"{ref} is {words}: say which with --kind.")
+    if not found:
+        raise ProfileError(ref, [shelf.unknown_name(list(KINDS.values()), ref)])
+    return found[0]
