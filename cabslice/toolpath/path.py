@@ -10,7 +10,7 @@ import numpy as np
 from cabslice.arrays import Array, Shapes, set_columns
 from cabslice.slicing.flow import bead_area, bead_spacing
 
-__all__ = ["EventKind", "Events", "Toolpath", "bead_area", "bead_spacing"]
+__all__ = ["EventKind", "Events", "Toolpath", "bead_area", "bead_spacing", "piece_starts"]
 
 
 class EventKind(IntEnum):
@@ -92,3 +92,12 @@ class Toolpath:
     @property
     def filament_area_mm2(self) -> float:
         return float(np.pi / 4 * self.filament_diameter_mm**2)
+
+
+def piece_starts(rests: Array) -> Array:
+    """The `starts` (P + 1,) of a toolpath in which the moves `rests` (N,) bool stand still: each is a piece of its own.
+
+    rests[0] is of no account: row 0 belongs to no piece.
+    """
+    still = np.flatnonzero(rests[1:]) + 1
+    return np.unique(np.concatenate(([1], still, still + 1, [len(rests)])))
