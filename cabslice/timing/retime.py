@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from cabslice.timing.grid import Grid, lay_grid
 from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit
 from cabslice.timing.path import Path, evaluate, smooth
 from cabslice.timing.rules import Rules, rules_for
-from cabslice.timing.trajectory import Trajectory, averaged, move_at, times_and_areas
+from cabslice.timing.trajectory import Trajectory, averaged, move_at, times_between
 from cabslice.toolpath.path import EventKind, Toolpath
 
 BLOCK_NODES = 20_000       # nodes planned together
@@ -204,25 +203,19 @@ def _trajectory(task: Task, first: int, pieces: Array, x: Array) -> Trajectory:
     move[start], s[start] = grid.move[which], path.start[grid.move[which]] + grid.low[which]
     move[ends] = grid.move[spans[1:] - 1]
     s[ends] = (path.start[grid.move] + grid.high)[spans[1:] - 1]
-    time, area = _clock(task.toolpath, first, s, x, start, pieces, window)
-    return Trajectory(path, time, s, x, area, move, pieces, nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3], window)
+    time = _clock(task.toolpath, first, s, x, start, pieces, window)
+    return Trajectory(path, time, s, x, move, pieces, nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3], window)
 
 
-def _clock(
-    toolpath: Toolpath, first: int, s: Array, x: Array, start: Array, pieces: Array, window: float
-) -> tuple[Array, Array]:
-    """Absolute time of every node, a window of rest between pieces and dwells before them; integral of s in a piece."""
-    spent, gained = np.zeros((2, len(s)))
+def _clock(toolpath: Toolpath, first: int, s: Array, x: Array, start: Array, pieces: Array, window: float) -> Array:
+    """Absolute time of every node, a window of rest between pieces and dwells before them."""
+    spent = np.zeros(len(s))
     with np.errstate(divide="ignore", invalid="ignore"):
-        time, extra = times_and_areas(s, x)
-    spent[start + 1] = time[start]
-    gained[start + 1] = (extra + s[:-1] * time)[start]
+        spent[start + 1] = times_between(s, x)[start]
     spent[pieces[:-1]] = window
     spent[0] = window / 2
     _dwell(toolpath, first, pieces, spent)
-    # piece by piece: a sum over all of them would lose the last digits, which finite differences see
-    area = np.concatenate([np.cumsum(gained[low:high]) for low, high in pairwise(pieces)])
-    return np.cumsum(spent), area
+    return np.cumsum(spent)
 
 
 def _dwell(toolpath: Toolpath, first: int, pieces: Array, spent: Array) -> None:

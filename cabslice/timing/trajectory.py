@@ -4,8 +4,7 @@ Legend
     node     grid point of the retiming; s its path parameter (mm within its piece), x = (ds/dt)^2, t its time
     u        d2s/dt2, constant between two nodes, so x is linear in s and s is quadratic in t there
     w        window: the plan s(t) is averaged over [t - w/2, t + w/2], so that u ramps over w instead of stepping and
-             the jerk is bounded; the path itself is not touched. With S = integral of s:
-             mean s = (S(t + w/2) - S(t - w/2)) / w, its rate (s(t + w/2) - s(t - w/2)) / w, and so on
+             the jerk is bounded; the path itself is not touched (timing.averaging)
     pose rate and acceleration: q' ds/dt and q' u + q'' (ds/dt)^2   (Bobrow 1985; Pham & Pham 2018)
 """
 
@@ -40,7 +39,6 @@ class Trajectory:
     time: Array       # (G,) s, of the plan before averaging
     s: Array          # (G,) mm within the piece
     x: Array          # (G,) mm^2/s^2
-    area: Array       # (G,) mm s, integral of s over time from the start of the piece
     move: Array       # (G,) int64: move that the interval starting here lies in (at the end of a piece: its last move)
     pieces: Array     # (P+1,) int64: piece p has nodes pieces[p]:pieces[p+1]
     to_pose: Array    # (3,) mm: platform origin in the machine frame minus nozzle in bed coordinates
@@ -48,7 +46,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         shape = Shapes("Trajectory")
-        columns = {name: shape.column(name, getattr(self, name), "G") for name in ("time", "s", "x", "area")}
+        columns = {name: shape.column(name, getattr(self, name), "G") for name in ("time", "s", "x")}
         columns["move"] = shape.column("move", self.move, "G", np.int64)
         columns["pieces"] = shape.column("pieces", self.pieces, "P+1", np.int64)
         columns["to_pose"] = shape.column("to_pose", self.to_pose, "3")
@@ -69,32 +67,12 @@ def sample(trajectory: Trajectory, times: Array) -> Samples:
     return _samples(trajectory, piece, s, rate, u)
 
 
-def averaged(trajectory: Trajectory, piece: Array, times: Array) -> tuple[Array, Array, Array]:
-    """s (K,) mm, its rate mm/s and second rate mm/s^2 at times (K,) within pieces (K,), averaged over the window."""
-    window = trajectory.window
-    if window <= 0:
-        s, rate, u, _ = planned(trajectory, piece, times)
-        return s, rate, u
-    s0, rate0, _, area0 = planned(trajectory, piece, times - window / 2)
-    s1, rate1, _, area1 = planned(trajectory, piece, times + window / 2)
-    return (area1 - area0) / window, (s1 - s0) / window, (rate1 - rate0) / window
+def averaged(trajectory: Trajectory, piece: Array, times: Array) -> Array:
+    """(3, K): s mm, its rate mm/s and second rate mm/s^2 at times (K,) within pieces (K,), averaged over the window."""
+    from cabslice.timing.averaging import average
 
-
-def planned(trajectory: Trajectory, piece: Array, times: Array) -> tuple[Array, Array, Array, Array]:
-    """s, its rate, u and the integral of s (K,) of the plan at times (K,); before and after its piece it rests."""
     first, last = trajectory.pieces[piece], trajectory.pieces[piece + 1] - 1
-    within = np.clip(times, trajectory.time[first], trajectory.time[last])
-    node = np.clip(np.searchsorted(trajectory.time, within, side="right") - 1, first, last - 1)
-    rate0, passed = np.sqrt(trajectory.x[node]), within - trajectory.time[node]
-    span = trajectory.s[node + 1] - trajectory.s[node]
-    u = (trajectory.x[node + 1] - trajectory.x[node]) / (2 * span)
-    gained = np.minimum(passed * (rate0 + u * passed / 2), span)
-    rate = np.maximum(rate0 + u * passed, 0.0)
-    resting = (times <= trajectory.time[first]) | (times >= trajectory.time[last])
-    s = np.where(times >= trajectory.time[last], trajectory.s[last], trajectory.s[node] + gained)
-    area = trajectory.area[node] + passed * (trajectory.s[node] + passed * (rate0 / 2 + u * passed / 6))
-    area = area + trajectory.s[last] * np.maximum(times - trajectory.time[last], 0.0)
-    return s, np.where(resting, 0.0, rate), np.where(resting, 0.0, u), area
+    return average(trajectory.time, trajectory.s, trajectory.x, first, last, times, trajectory.window)
 
 
 def _samples(trajectory: Trajectory, piece: Array, s: Array, rate: Array, u: Array) -> Samples:
@@ -126,8 +104,7 @@ def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:
     return np.clip(found, first[which], last[which])
 
 
-def times_and_areas(s: Array, x: Array) -> tuple[Array, Array]:
-    """Time (G-1,) s between nodes, 2 ds / (sqrt x0 + sqrt x1), and the integral of s - s0 over it, mm s."""
-    rate, span = np.sqrt(x), np.diff(s)
-    time = 2 * span / (rate[:-1] + rate[1:])
-    return time, time * time * (2 * rate[:-1] + rate[1:]) / 6
+def times_between(s: Array, x: Array) -> Array:
+    """Time (G-1,) s between neighbouring nodes, 2 ds / (sqrt x0 + sqrt x1)."""
+    rate = np.sqrt(x)
+    return 2 * np.diff(s) / (rate[:-1] + rate[1:])
