@@ -19,10 +19,10 @@ SMALL_MM, LARGE_MM = 1.0, 3000.0  # outside of this a unit is probably wrong
 
 
 def load_mesh(path: str | Path, *, unit: str = "mm", scale: float = 1.0) -> Part:
-    """The part in a model file, mended and in mm: `Part.repairs` says what was changed, `Part.warnings` what looks odd.
+    """The part in a model file, mended, in mm and where the file has it (see `place`).
 
-    unit is what one unit of the file means (mm, cm, m, inch, ft); a 3MF file says so itself. Not yet moved: see `place`.
-    Raises ModelError naming the file when it cannot be read or is not a solid.
+    `Part.repairs` says what was changed, `Part.warnings` what looks odd. unit is what one unit of the file means (mm,
+    cm, m, inch, ft); a 3MF file says so itself. Raises ModelError naming the file if it cannot be read or is no solid.
     """
     if unit not in UNITS:
         raise UsageError(f"unit '{unit}', expected one of {', '.join(UNITS)}.")
@@ -43,7 +43,8 @@ def load_mesh(path: str | Path, *, unit: str = "mm", scale: float = 1.0) -> Part
 
 def _read(path: Path) -> bytes:
     if path.suffix.lower() not in SUFFIXES:
-        raise ModelError(f"{path.name}: '{path.suffix}' is not a model format: expected {', '.join(SUFFIXES)}.", file=path.name)
+        known = ", ".join(SUFFIXES)
+        raise ModelError(f"{path.name}: '{path.suffix}' is not a model format: expected {known}.", file=path.name)
     try:
         data = path.read_bytes()
     except OSError as fault:

@@ -34,6 +34,7 @@ def mend(triangles: Array, name: str) -> tuple[Array, Array, list[str]]:
     """
     _refuse_nonsense(triangles, name)
     vertices, of_corner = weld(triangles.reshape(-1, 3))
+    _refuse_flat(vertices, name)
     mesh = _Mesh(vertices, of_corner.reshape(-1, 3), [])
     kept = proper_faces(mesh.faces)
     if not kept.all():
@@ -57,12 +58,16 @@ def count(number: int, noun: str) -> str:
 def _refuse_nonsense(triangles: Array, name: str) -> None:
     if not len(triangles):
         raise ModelError(f"{name}: no triangles in it: expected a solid model.", file=name)
-    bad = np.flatnonzero(~np.isfinite(triangles).all((1, 2)))
-    if len(bad):
+    if not np.isfinite(triangles).all():
+        bad = np.flatnonzero(~np.isfinite(triangles).all((1, 2)))
         raise ModelError(f"{name}: triangle {bad[0] + 1} has a coordinate that is not a finite number.", file=name)
-    if np.abs(triangles).max() > 1e9:
-        raise ModelError(f"{name}: a coordinate of {np.abs(triangles).max():.3g} mm: is the file damaged?", file=name)
-    extent = np.ptp(triangles.reshape(-1, 3), axis=0)
+
+
+def _refuse_flat(vertices: Array, name: str) -> None:
+    low, high = vertices.min(0), vertices.max(0)
+    extent, most = high - low, max(-low.min(), high.max())
+    if most > 1e9:
+        raise ModelError(f"{name}: a coordinate of {most:.3g} mm: is the file damaged?", file=name)
     if extent.max() == 0:
         raise ModelError(f"{name}: all its points are one point: there is nothing to print.", file=name)
     if extent.min() <= 1e-9 * extent.max():
@@ -96,6 +101,9 @@ def _close(mesh: _Mesh, name: str) -> None:
                 f"{added:+.4g} mm3 compared to a lid."
             )
     _drop_sheets(mesh, old_count, name)
+    if mesh.repairs:
+        held = abs(float(signed_volumes(mesh.vertices, mesh.faces).sum()))
+        mesh.repairs.append(f"The closed part holds {held:.6g} mm3.")
 
 
 def _weld_near(mesh: _Mesh) -> None:
@@ -117,7 +125,8 @@ def _weld_near(mesh: _Mesh) -> None:
         if left < before:
             welded, faces, before = welded + int((target[rim] != rim).sum()), trial, left
     if welded:
-        mesh.repairs.append(f"Welded {count(welded, 'point')} on open edges to a neighbour within {step * diagonal:.2g} mm.")
+        within = WELD_STEPS[-1] * diagonal
+        mesh.repairs.append(f"Welded {count(welded, 'point')} on open edges to a neighbour within {within:.2g} mm.")
         mesh.faces = faces
 
 
@@ -140,7 +149,7 @@ def _drop_doubles(mesh: _Mesh) -> None:
     even = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
     order = np.argsort(mesh.faces, axis=1)
     sign = np.where((order[:, None, :] == even).all(2).any(1), 1, -1)
-    _, first, group = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    group = np.unique(corners, axis=0, return_inverse=True)[1]
     group = group.reshape(-1)
     total = np.bincount(group, sign).astype(int)
     right_way = np.full(len(total), -1)

@@ -11,7 +11,7 @@ from cabslice.arrays import Array, Shapes, set_columns
 
 @dataclass(frozen=True)
 class Part:
-    """vertices (V, 3) float mm in bed coordinates (z = 0 on the bed); faces (F, 3) int, counter-clockwise from outside."""
+    """vertices (V, 3) mm in bed coordinates (z = 0 on the bed); faces (F, 3) int, counter-clockwise from outside."""
 
     vertices: Array
     faces: Array

@@ -24,12 +24,12 @@ def read_stl(data: bytes, name: str) -> tuple[Array, list[str]]:
         return _binary(data, count), []
     if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:1000].lower():
         return _ascii(data, name)
-    if 0 < count and len(data) > _HEAD + count * _RECORD.itemsize:
+    if count > 0 and len(data) > _HEAD + count * _RECORD.itemsize:
         extra = len(data) - _HEAD - count * _RECORD.itemsize
         return _binary(data, count), [f"{extra} bytes after the last triangle were ignored."]
     if count > 0 and len(data) > _HEAD and b"\0" in data:
         held = (len(data) - _HEAD) // _RECORD.itemsize
-        raise ModelError(f"{name}: the file ends early: its head promises {count} triangles, it holds {held}.", file=name)
+        raise ModelError(f"{name}: ends early: its head promises {count} triangles, it holds {held}.", file=name)
     raise ModelError(f"{name}: not an STL file: neither 'solid ... facet' text nor a binary triangle list.", file=name)
 
 

@@ -27,7 +27,7 @@ LINK_SPARSE = 2.5
 
 @dataclass(frozen=True)
 class Filling:
-    """What is the same for all regions of a layer: bead width, its spacing, height, overlap with walls (mm); thinnest strip."""
+    """What is the same for all regions of a layer, mm; overlap is how far lines reach into the walls."""
 
     width_mm: float
     height_mm: float

@@ -11,7 +11,7 @@ from cabslice.arrays import Array, Shapes, set_columns
 
 @dataclass(frozen=True)
 class Heights:
-    """top (L,) mm above the bed; height (L,) mm; plane (L,) mm, where the layer's outline is cut: the middle of its beads."""
+    """top (L,) above the bed, height (L,), plane (L,) where the outline is cut: the middle of the beads; all mm."""
 
     top: Array
     height: Array
@@ -25,8 +25,8 @@ class Heights:
 def layer_heights(part_mm: float, first_mm: float, layer_mm: float) -> Heights:
     """Layers of a part (part_mm high): the first, then equal ones as long as their middle is still inside the part.
 
-    So the print ends within half a layer of the part. A part lower than half the first layer gets that one layer, cut at
-    half its own height.
+    So the print ends within half a layer of the part. A part lower than half the first layer gets that one layer,
+    cut at half its own height.
     """
     more = max(0, int(np.ceil((part_mm - first_mm) / layer_mm - 0.5 - 1e-9)))
     top = first_mm + layer_mm * np.arange(more + 1)

@@ -2,8 +2,8 @@
 
 Rows are numbered from below across the lines' direction; a row cuts the region into segments, each from a left to
 a right end (even-odd rule). Segments of neighbouring rows are linked by the piece of the edge between their ends where
-that is short: at left ends from even rows up, at right ends from odd rows up. So every end is linked at most once, every
-chain climbs, and no chain closes. Odd rows run left to right, even rows right to left.
+that is short: at left ends from even rows up, at right ends from odd rows up. So every end is linked at most once,
+every chain climbs, and no chain closes. Odd rows run left to right, even rows right to left.
 
 C crossings, S segments, N points of rings.
 """
@@ -58,17 +58,16 @@ def even_lines(region: Region, spacing: float, angle: float, margin: float, link
     span = np.maximum(high - low - 2 * margin, 0.0)
     rows = np.ceil(span / spacing - 0.1).astype(np.int64) + 1
     pitch = np.where(rows > 1, span / np.maximum(rows - 1, 1), spacing)
-    first = np.where(rows > 1, low + np.minimum(margin, (high - low) / 2), (low + high) / 2)
-    first, pitch_rows = first + NUDGE * pitch, np.where(rows > 1, pitch * (1 - 2 * NUDGE / np.maximum(rows - 1, 1)), pitch)
+    first = np.where(rows > 1, low + np.minimum(margin, (high - low) / 2), (low + high) / 2) + NUDGE * pitch
+    pitch = np.where(rows > 1, pitch * (1 - 2 * NUDGE / np.maximum(rows - 1, 1)), pitch)
     base = np.concatenate(([0], np.cumsum(rows + 2)[:-1]))
     base += base % 2                             # each part's first row is even
     part = np.repeat(np.arange(len(parts)), ends - begins)
-    return _lines(points, starts, angle, first[part] - base[part] * pitch_rows[part], pitch_rows[part],
-                  base[part], rows[part], link)
+    return _lines(points, starts, angle, (first - base * pitch)[part], pitch[part], base[part], rows[part], link)
 
 
 def fixed_lines(region: Region, spacing: float, angle: float, link: float) -> Lines:
-    """Lines at `spacing` (mm) and `angle` (rad) on a grid through the origin, so that they stack from layer to layer."""
+    """Lines at `spacing` (mm) and `angle` (rad) through the origin, so that they stack from layer to layer."""
     points, starts = to_rings(region)
     if not len(points):
         return _no_lines()
@@ -106,8 +105,8 @@ def _lines(
     odd = cross.row[left] % 2 == 1
     enter, leave = np.where(odd, left, right), np.where(odd, right, left)
     order, opens = _chains(follow, back, segment[lower], cross.row[left])
-    points_out, starts_out = _assemble(points, starts, cross, enter[order], leave[order], back[order], lower, along, opens)
-    return Lines(_turn(points_out, angle), starts_out, pitch[cross.edge[left[order[opens]]]])
+    laid, opens_at = _assemble(points, starts, cross, enter[order], leave[order], back[order], lower, along, opens)
+    return Lines(_turn(laid, angle), opens_at, pitch[cross.edge[left[order[opens]]]])
 
 
 @dataclass(frozen=True)

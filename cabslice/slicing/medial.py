@@ -2,9 +2,10 @@
 
 At samples p of the boundary, with inward normal n, the largest disc inside the region that touches the boundary at p:
 centre c = p + r n, r = min over other samples q of |q-p|^2 / (2 n.(q-p)) (the shrinking ball of Ma, Bae and Choi,
-Visual Computer 28, 2012, with all q at once). The centres lie on the medial axis, and going along the boundary they come in
-order; q is where the disc touches the other side. Each line is met from both its sides: the side that comes first is kept.
-Centres whose two touching points lie less than TURN apart, seen from the centre, belong to corners and are left out.
+Visual Computer 28, 2012, with all q at once). The centres lie on the medial axis, and going along the boundary they
+come in order; q is where the disc touches the other side. Each line is met from both its sides: the side that comes
+first is kept. Centres whose two touching points lie less than TURN apart, seen from the centre, belong to corners and
+are left out.
 
 N samples, P pairs of samples, M points of lines.
 """
@@ -25,7 +26,7 @@ CHUNK = 20_000            # samples looked at together: bounds memory, not the r
 
 @dataclass(frozen=True)
 class MedialLines:
-    """points (M, 2) mm, diameter (M,) mm of the widest disc there, starts (B+1,), ring (B,) the ring a line was met on."""
+    """points (M, 2) mm, diameter (M,) mm of the largest disc there, starts (B+1,), ring (B,) a line was met on."""
 
     points: Array
     diameter: Array
@@ -73,7 +74,7 @@ def _samples(points: Array, starts: Array, step: float) -> tuple[Array, Array, A
 
 
 def _largest_discs(place: Array, normal: Array, widest: float) -> tuple[Array, Array]:
-    """Radius (N,) and the other sample touched (N,) of the largest empty disc at each; only discs up to `widest` are exact.
+    """Radius (N,) of the largest empty disc at each sample, and the sample (N,) it touches; exact up to `widest`.
 
     Samples are sorted into square cells of side `widest`: what such a disc can touch lies in the 3 x 3 cells around.
     """
@@ -113,4 +114,4 @@ def _lines(centre: Array, diameter: Array, ring: Array, ahead: Array, good: Arra
     linked = good & good[ahead] & ~jump & (ahead > np.arange(len(good)))
     keep = np.flatnonzero(good)
     opens = np.flatnonzero(np.concatenate(([True], ~linked[keep[:-1]] | (np.diff(keep) != 1)))[: len(keep)])
-    return MedialLines(centre[keep], diameter[keep], np.append(opens, len(keep)), ring[keep[opens]] if len(keep) else ring[:0])
+    return MedialLines(centre[keep], diameter[keep], np.append(opens, len(keep)), ring[keep[opens]])

@@ -10,6 +10,7 @@ L planes, F triangles, S segments of a block of planes, V vertices.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def _blocks(first: Array, last: Array, count: int) -> list[tuple[int, int]]:
     while edges[-1] < count:
         done = total[edges[-1] - 1] if edges[-1] else 0
         edges.append(max(edges[-1] + 1, int(np.searchsorted(total, done + BLOCK, side="right"))))
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))
 
 
 def _cut_block(

@@ -1,7 +1,7 @@
 """A part becomes layers of beads, one layer at a time.
 
-The way of a layer: outline (sections) -> walls from outside in (walls) -> the inside divided into skins, bridges, solid and
-sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for strips too thin for two (thin).
+The way of a layer: outline (sections) -> walls from outside in (walls) -> the inside divided into skins, bridges, solid
+and sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for strips too thin for two (thin).
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from cabslice.slicing.walls import Inside, walls
 THINNEST = 0.3   # of the nozzle: narrower strips are left out
 WIDEST = 2.2     # of the bead: wider strips take two beads
 STEP = 0.35      # of the nozzle: distance of samples along the edge of thin strips
-THIN_CORRECTION = 0.15
+REACH = 0.5      # of a bead's radius: how far its free ends run on, between beads
+REACH_OUTER = 0.25   # and at the part's surface
+THIN_CORRECTION = 0.15   # share by which the volume of beads in strips may be corrected
 
 Progress = Callable[[int, int], None]
 
@@ -109,7 +111,8 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
     strips += _fill(beads, inside, near, process, filling, pitch)
     _lay_strips(beads, strips, height, WIDEST * max(inner, outer), STEP * nozzle)
-    return Layer(near.index, float(heights.top[near.index]), height, to_polygons(near.outline), beads.beads(near.outline))
+    top = float(heights.top[near.index])
+    return Layer(near.index, top, height, to_polygons(near.outline), beads.beads(near.outline))
 
 
 def _fill(
@@ -135,7 +138,8 @@ def _fill(
 def _lay_strips(beads: BeadList, strips: list[_Strip], height: float, widest: float, step: float) -> None:
     """One bead along each strip. Between beads it holds the strip's volume; on the outline it has the strip's width."""
     strips = [strip for strip in strips if not strip.region.is_empty()]
-    lines = thin_lines([strip.region for strip in strips], widest_mm=widest, step_mm=step)
+    reach = [REACH_OUTER if strip.outer else REACH for strip in strips]
+    lines = thin_lines([strip.region for strip in strips], reach, widest_mm=widest, step_mm=step)
     for k, strip in enumerate(strips):
         points, starts, diameter, closed = lines.of_group(k)
         if not len(points):

@@ -1,8 +1,8 @@
 """Which part of a layer's inside is skin: solid layers under every top and over every bottom surface, and bridges.
 
 A point of a layer needs solid infill unless it is inside all outlines of the next `top_layers` above and the next
-`bottom_layers` below; beyond the first and the last layer outlines are empty. One running intersection of outlines serves
-both, and where it holds the whole inside, as it does along steep sides, nothing else is asked.
+`bottom_layers` below; beyond the first and the last layer outlines are empty. One running intersection of outlines
+serves both, and where it holds the whole inside, as it does along steep sides, nothing else is asked.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from cabslice.slicing.region import (
     offset,
     opening,
     to_rings,
-    union,
 )
 
 
@@ -32,8 +31,8 @@ from cabslice.slicing.region import (
 class Neighbours:
     """A layer's outline, the ones above and below it, and what is common to all layers near it.
 
-    Beyond the ends `above` and `below` are empty; they are None where no top or bottom layers are asked for, and for the
-    first layer `below` is None: it lies on the bed.
+    Beyond the ends `above` and `below` are empty; they are None where no top or bottom layers are asked for. For the
+    first layer, which lies on the bed, `below` is None too.
     """
 
     index: int
@@ -99,8 +98,8 @@ class Surfaces:
 def divide(inside: Region, near: Neighbours, bead_mm: float, *, sparse: bool, solid: bool) -> Surfaces:
     """Top skin, bridges, other solid and sparse parts of a layer's inside.
 
-    Patches narrower than a bead are no skin. Solid parts reach a bead further than they must, bridges two, to have
-    a hold. What would be left of the sparse part narrower than two beads is solid too. sparse=False: there is no infill,
+    Patches narrower than a bead are no skin. Solid parts reach a bead further than they must, bridges two, to have a
+    hold. What would be left of the sparse part narrower than two beads is solid too. sparse=False: there is no infill,
     what is not skin stays empty; solid=True: all of it is solid.
     """
     shell = _patches(difference(inside, near.common), bead_mm)
@@ -129,8 +128,8 @@ def _grown(patch: Region, distance: float, inside: Region) -> Region:
 
 
 def bridge_angle(bridge: Region, below: Region, reach_mm: float, fallback: float) -> float:
-    """Direction (rad) in which lines over air are held best: the most of the bridge's edge that lies on the layer below is
-    met head-on, least of the edge that hangs free.
+    """Direction (rad) in which lines over air are held best: it meets most of the bridge's edge that lies on the layer
+    below head-on, and least of the edge that hangs free.
 
     reach_mm is how far beyond the edge the layer below is looked for. Without any hold: the fallback.
     """

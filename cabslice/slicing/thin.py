@@ -5,6 +5,7 @@ d  diameter of the widest disc at a point of the medial line, mm
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from cabslice.arrays import Array
 from cabslice.slicing.medial import MedialLines, medial_lines
 from cabslice.slicing.region import Region, following, to_rings
 
-REACH = 0.5      # of d: free ends of a line run on by this much of their radius, towards what the disc does not cover
 JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
 DOT = 0.3        # of d: a shorter line is a dot
 DETAIL = 0.06    # of d: what place and width may be off where points are left out
@@ -46,23 +46,23 @@ def strip_area(points: Array, starts: Array, diameter: Array, closed: Array) -> 
     return float((length * (diameter + diameter[ahead]) / 2)[segment].sum())
 
 
-def thin_lines(regions: list[Region], *, widest_mm: float, step_mm: float) -> ThinLines:
+def thin_lines(regions: list[Region], reach: Sequence[float], *, widest_mm: float, step_mm: float) -> ThinLines:
     """One line along each thin strip of the regions, at most widest_mm wide; regions do not see each other.
 
-    Branches that meet are joined, a spot too small for a line becomes a dot: a line of half its size.
+    The disc at a free end leaves the strip's corners empty: the line runs on by `reach` of its radius, one number per
+    region. Branches that meet are joined, a spot too small for a line becomes a dot: a line of half its size.
     """
     rings = [to_rings(region) for region in regions]
     sizes = [np.diff(starts) for _, starts in rings]
     group = np.repeat(np.arange(len(rings)), [len(size) for size in sizes])
-    starts = np.concatenate(([0], np.cumsum(np.concatenate(sizes)))).astype(np.int64) if sizes else np.zeros(1, np.int64)
-    points = np.concatenate([ring for ring, _ in rings]) if rings else np.zeros((0, 2))
-    if not len(points):
-        none = np.zeros(0)
-        return ThinLines(points, none, starts[:1], none.astype(bool), none.astype(np.int64))
+    if not len(group):
+        return _columns([], group, 0.0)
+    starts = np.concatenate(([0], np.cumsum(np.concatenate(sizes))))
+    points = np.concatenate([ring for ring, _ in rings])
     apart = np.ptp(points[:, 0]) + 4 * widest_mm
     shift = np.repeat(group * apart, np.diff(starts))   # regions side by side, so that one pass does them all
     found = medial_lines(points + np.stack((shift, 0 * shift), 1), starts, widest_mm=widest_mm, step_mm=step_mm)
-    lines = _joined(found)
+    lines = _joined(found, np.asarray(reach)[group])
     lined = np.array([line.ring for line in lines], dtype=np.int64)
     lines += _dots(points + np.stack((shift, 0 * shift), 1), starts, lined, widest_mm)
     return _columns(lines, group, apart)
@@ -76,8 +76,8 @@ class _Line:
     ring: int
 
 
-def _joined(found: MedialLines) -> list[_Line]:
-    """Runs chained where their ends meet, then lengthened at free ends and thinned out."""
+def _joined(found: MedialLines, reach: Array) -> list[_Line]:
+    """Runs chained where their ends meet, then lengthened at free ends."""
     runs = [slice(a, b) for a, b in zip(found.starts[:-1], found.starts[1:], strict=True)]
     first, last = found.starts[:-1], found.starts[1:] - 1
     mates = _mates(found.points, found.diameter, first, last)
@@ -100,9 +100,11 @@ def _joined(found: MedialLines) -> list[_Line]:
                 closed = mate is not None and mate == head
                 break
             run, end = mate
-        line = _finish(np.concatenate(pieces), np.concatenate(width), closed, int(found.ring[head[0]]))
-        if line is not None:
-            lines.append(line)
+        points, diameter, ring = np.concatenate(pieces), np.concatenate(width), int(found.ring[head[0]])
+        if np.linalg.norm(np.diff(points, axis=0), axis=1).sum() >= DOT * diameter.max():
+            if not closed:
+                points, diameter = _lengthen(points, diameter, float(reach[ring]))
+            lines.append(_Line(points, diameter, closed, ring))
     return lines
 
 
@@ -136,45 +138,50 @@ def _mates(points: Array, diameter: Array, first: Array, last: Array) -> dict[tu
     return found
 
 
-def _finish(points: Array, diameter: Array, closed: bool, ring: int) -> _Line | None:
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-    if length < DOT * diameter.max():
-        return None
-    if not closed:
-        points, diameter = _lengthen(points, diameter)
-    keep = thin_out(np.column_stack((points, diameter)), DETAIL * float(diameter.min()))
-    return _Line(points[keep], diameter[keep], closed, ring)
-
-
-def _lengthen(points: Array, diameter: Array) -> tuple[Array, Array]:
-    """Both ends run on straight, by REACH of their radius."""
+def _lengthen(points: Array, diameter: Array, reach: float) -> tuple[Array, Array]:
+    """Both ends run on straight, by `reach` of their radius."""
     for _ in (0, 1):
         back = np.linalg.norm(points - points[0], axis=1)
         ahead = int(np.argmax(back > diameter[0] / 2)) or len(points) - 1
         step = (points[0] - points[ahead]) / max(back[ahead], 1e-12)
-        points = np.concatenate(([points[0] + REACH * diameter[0] / 2 * step], points))[::-1]
+        points = np.concatenate(([points[0] + reach * diameter[0] / 2 * step], points))[::-1]
         diameter = np.concatenate((diameter[:1], diameter))[::-1]
     return points, diameter
 
 
-def thin_out(points: Array, tolerance: float) -> Array:
-    """Indices of the points (M, k) of an open line to keep: the others lie within tolerance of it (Douglas-Peucker)."""
-    keep = np.zeros(len(points), dtype=bool)
-    keep[[0, -1]] = True
-    todo = [(0, len(points) - 1)]
-    while todo:
-        a, b = todo.pop()
-        if b - a < 2:
-            continue
-        along = points[b] - points[a]
-        away = points[a + 1 : b] - points[a]
-        share = np.clip(away @ along / max(along @ along, 1e-24), 0, 1)
-        off = np.linalg.norm(away - share[:, None] * along, axis=1)
-        far = int(off.argmax())
-        if off[far] > tolerance:
-            keep[a + 1 + far] = True
-            todo += [(a, a + 1 + far), (a + 1 + far, b)]
-    return np.flatnonzero(keep)
+def thin_out(points: Array, starts: Array, tolerance: Array) -> Array:
+    """(M,) bool: points of open lines (M, k) to keep, the others lie within tolerance (B,) of the line that is left.
+
+    Every second point is left out where that keeps the bound, until nothing changes. slack (M,) is how far points left
+    out are at most from the segment into each point.
+    """
+    keep = np.arange(len(points))
+    line = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    slack = np.zeros(len(points))
+    place = keep - starts[line]
+    while True:
+        inner = (place[1:-1] % 2 == 1) & (line[:-2] == line[2:])
+        here = np.flatnonzero(inner) + 1
+        off = _distance(points[keep[here]], points[keep[here - 1]], points[keep[here + 1]])
+        bound = np.maximum(slack[here], slack[here + 1]) + off
+        drop = bound <= tolerance[line[here]]
+        if not drop.any():
+            break
+        slack[here[drop] + 1] = bound[drop]
+        left = np.ones(len(keep), dtype=bool)
+        left[here[drop]] = False
+        keep, line, slack = keep[left], line[left], slack[left]
+        place = np.arange(len(keep)) - np.searchsorted(line, line)
+    kept = np.zeros(len(points), dtype=bool)
+    kept[keep] = True
+    return kept
+
+
+def _distance(p: Array, a: Array, b: Array) -> Array:
+    """(N,) distance of points (N, k) from segments."""
+    along = b - a
+    share = ((p - a) * along).sum(1) / np.maximum((along * along).sum(1), 1e-300)
+    return np.linalg.norm(p - a - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
 def _dots(points: Array, starts: Array, lined: Array, widest: float) -> list[_Line]:
@@ -203,7 +210,8 @@ def _columns(lines: list[_Line], group: Array, apart: float) -> ThinLines:
     of_line = group[[line.ring for line in lines]]
     points = np.concatenate([line.points for line in lines])
     points[:, 0] -= np.repeat(of_line, sizes) * apart
-    return ThinLines(
-        points, np.concatenate([line.diameter for line in lines]), np.cumsum([0, *sizes]),
-        np.array([line.closed for line in lines]), of_line,
-    )
+    diameter = np.concatenate([line.diameter for line in lines])
+    starts = np.cumsum([0, *sizes])
+    kept = thin_out(np.column_stack((points, diameter)), starts, DETAIL * np.minimum.reduceat(diameter, starts[:-1]))
+    starts = np.concatenate(([0], np.cumsum(np.add.reduceat(kept, starts[:-1], dtype=np.int64))))
+    return ThinLines(points[kept], diameter[kept], starts, np.array([line.closed for line in lines]), of_line)

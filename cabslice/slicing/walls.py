@@ -43,7 +43,8 @@ def walls(
     wide = offset(outline, -depth)
     core = offset(wide, -fill_spacing_mm)
     if not core.is_empty() and _comes_back(outline, offset(core, depth + fill_spacing_mm), thinnest_mm):
-        return [Wall(lines, width, Region()) for lines, width in _simple(outline, steps, widths_mm)], Inside(wide, Region())
+        simple = [Wall(lines, width, Region()) for lines, width in _simple(outline, steps, widths_mm)]
+        return simple, Inside(wide, Region())
     levels = []
     room = outline
     for (outer, inner), width in zip(steps, widths_mm, strict=True):
