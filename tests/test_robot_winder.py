@@ -8,9 +8,10 @@ from robots import START, cabfab_init_x, cabfab_optim, cable_robot, drives, hang
 from scipy.integrate import quad
 
 from cabslice.errors import PoseError
+from cabslice.profile.printer import Cable, Motor, Winder
 from cabslice.robot import winder
 from cabslice.robot.kinematics import length_rates, lengths
-from cabslice.robot.model import WinderColumns
+from cabslice.robot.model import WinderColumns, _winders
 from cabslice.robot.winder_line import line_at, touch_points
 
 MEASURED, NOMINAL = cabfab_optim().winders, cabfab_optim(measured=False).winders
@@ -249,13 +250,12 @@ def test_cable_is_conserved(name, seed):
     poses, tension = moves(robot, seed)
     cable = lengths(robot, poses)
     angle = winder.motor_angles(robot, cable, tension)
-    strain = tension / (robot.winders.advantage * robot.axial_stiffness)
-    total = winder.wound(robot.winders, angle) + winder.loaded_length(robot, cable, angle) / (1 + strain)
+    strain, strands = tension / robot.axial_stiffness, robot.winders.advantage
+    total = winder.wound(robot.winders, angle) + strands * winder.loaded_length(robot, cable, angle) / (1 + strain)
     home = robot.winders.home_angle[None]
-    slack = robot.tension_reference / (robot.winders.advantage * robot.axial_stiffness)
-    start = winder.wound(robot.winders, home) + winder.loaded_length(robot, lengths(robot, robot.home[None]), home) / (
-        1 + slack
-    )
+    slack = robot.tension_reference / robot.axial_stiffness
+    loaded = winder.loaded_length(robot, lengths(robot, robot.home[None]), home)
+    start = winder.wound(robot.winders, home) + strands * loaded / (1 + slack)
     np.testing.assert_allclose(total, np.broadcast_to(start, total.shape), rtol=0, atol=1e-9)
     np.testing.assert_allclose(winder.pulley_lengths_of(robot, angle, tension), cable, rtol=0, atol=1e-9)
 
@@ -323,3 +323,57 @@ def test_transmission_is_the_work_of_the_motor():
         winder.pulley_lengths_of(robot, angle - step, zero) - winder.pulley_lengths_of(robot, angle + step, zero)
     ) / (2 * step)
     np.testing.assert_allclose(winder.transmission(robot.winders, angle), numeric, rtol=1e-7)
+
+
+# --- from a profile --------------------------------------------------------------------------------------------------
+
+COMMON = {"first_radius_mm": 50.0, "home_angle_deg": 720.0, "centre_mm": [600.0, 0.0, -300.0], "gear_ratio": 4.0}
+TABLES = {
+    "radial": {"layer_step_mm": 0.5, "ramp_start_deg": 40.0, "ramp_end_deg": 80.0, "layers": 5},
+    "spiral": {"radius_per_turn_mm": 0.7, "angle_range_deg": [0.0, 9000.0]},
+    "drum": {"pitch_mm": 1.2, "angle_range_deg": [-3000.0, 9000.0]},
+    "spool": {
+        "buildup_factor_mm": 0.12,
+        "lines_per_spool": 2,
+        "mechanical_advantage": 3,
+        "angle_range_deg": [-100.0, 9000.0],
+    },
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_every_kind_of_a_profile_becomes_columns(kind):
+    """Radius against the words of the profile, at a quarter of a spool turn for each degree of the motor."""
+    cables = [_profile_cable("radial"), _profile_cable(kind)]
+    winders = _winders(cables)
+    angle = np.radians(np.tile([[0.0], [100.0], [720.0], [2000.0]], (1, 2)))
+    turns = angle[:, 1] / (2 * np.pi) / 4
+    radius = {
+        "radial": 50 + 0.5 * np.interp(angle[:, 1], np.radians([40, 80, 1480, 1520]), [0, 1, 1, 2]),
+        "spiral": 50 + 0.7 * turns,
+        "drum": np.full(4, 50.0),
+        "spool": 50 + 0.12 * np.pi * 2 * turns,
+    }[kind]
+    np.testing.assert_allclose(winder.radius(winders, angle)[:, 1], radius, rtol=0, atol=1e-12)
+    per_turn = np.hypot(2 * np.pi * 50, 1.2) if kind == "drum" else None
+    if per_turn:
+        assert abs(winder.wound(winders, angle)[2, 1] - per_turn / 2) < 1e-9
+    span = [-np.inf, 40 + 360 * 4 * 4] if kind == "radial" else TABLES[kind]["angle_range_deg"]
+    np.testing.assert_allclose(winders.span[1], np.radians(span))
+    assert winders.advantage[1] == (3 if kind == "spool" else 1)
+
+
+def _profile_cable(kind):
+    motor = {"max_speed_rad_s": 10.0, "continuous_torque_n_m": 6.0, "peak_torque_n_m": 18.0, "inertia_kg_mm2": 440.0}
+    return Cable(
+        anchor_mm=[500.0, 0.0, 0.0],
+        attachment_mm=[0.0, 0.0, 0.0],
+        diameter_mm=0.5,
+        modulus_gpa=70.0,
+        min_tension_n=1.0,
+        max_tension_n=100.0,
+        reference_tension_n=30.0,
+        clearance_mm=2.0,
+        motor=Motor(**motor),
+        winder=Winder(kind=kind, **COMMON, **TABLES[kind]),
+    )

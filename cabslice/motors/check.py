@@ -119,5 +119,4 @@ def _line(robot: Robot, angle: Array) -> Array:
 
 
 def _stretch(robot: Robot, tension: Array) -> Array:
-    assert robot.winders is not None
-    return 1 + tension / (robot.winders.advantage * robot.axial_stiffness)
+    return 1 + tension / robot.axial_stiffness

@@ -21,6 +21,13 @@ from cabslice.profile.toml import Place
 Faults = Iterator[tuple[Place, str]]
 Values = Mapping[str, Any]
 FREEDOMS = ("x", "y", "z", "rx", "ry", "rz")
+MISSING = ""                              # the sentence of a key that a table of this kind needs and has not
+WINDER_NEEDS = {
+    "radial": ("layer_step_mm", "ramp_start_deg", "ramp_end_deg", "layers", "centre_mm"),
+    "spiral": ("radius_per_turn_mm", "angle_range_deg", "centre_mm"),
+    "drum": ("pitch_mm", "angle_range_deg", "centre_mm"),
+    "spool": ("buildup_factor_mm", "angle_range_deg"),
+}
 UNIT_TOLERANCE = 1e-6
 RANK_TOLERANCE = 1e-6                     # of the largest singular value
 
@@ -92,6 +99,31 @@ def _pulley(cable: Values, home: list[float]) -> Faults:
 
 
 def _winder(winder: Values) -> Faults:
+    kind = winder.get("kind", "radial")
+    if not winder or kind not in list(WINDER_NEEDS):       # the whole table is missing, or there is no such kind
+        return
+    for name in WINDER_NEEDS[kind]:
+        if name not in winder:
+            yield ("winder", name), MISSING
+    yield from _layers(winder) if kind == "radial" else _range(kind, winder)
+
+
+def _range(kind: str, winder: Values) -> Faults:
+    """Spiral, drum and spool: the angles they turn to hold home, and leave a radius at the emptiest."""
+    low, high = _numbers(winder.get("angle_range_deg"), 2)
+    home, ratio = _number(winder, "home_angle_deg"), _number(winder, "gear_ratio", 1.0)
+    if low >= high:
+        yield ("winder", "angle_range_deg"), f"expected the lower angle first, found {low:g} and {high:g}"
+    elif home < low or home > high:
+        yield ("winder", "home_angle_deg"), f"expected an angle from {low:g} to {high:g}, found {home:g}"
+    per_turn = {"spiral": _number(winder, "radius_per_turn_mm"),
+                "spool": math.pi * _number(winder, "buildup_factor_mm") * _number(winder, "lines_per_spool", 1.0)}
+    least = _number(winder, "first_radius_mm") + per_turn.get(kind, 0.0) * low / 360 / ratio
+    if least <= 0:
+        yield ("winder", "angle_range_deg"), f"expected a radius above 0 at the lowest angle, found {least:g} mm"
+
+
+def _layers(winder: Values) -> Faults:
     start, end = _number(winder, "ramp_start_deg"), _number(winder, "ramp_end_deg")
     if end <= start:
         yield ("winder", "ramp_end_deg"), f"expected more than ramp_start_deg = {start:g}, found {end:g}"
@@ -116,7 +148,10 @@ def _disc_apart(cable: Values) -> Faults:
     groove = _number(pulley, "groove_radius_mm", 0.0)
     small = groove + _number(cable, "diameter_mm") / 2 if groove else groove
     radii = _numbers(winder.get("radii_mm")) or [_number(winder, "first_radius_mm")]
-    full = radii[-1] + _number(winder, "layer_step_mm") * max(_number(winder, "layers") - len(radii), 0)
+    if winder.get("kind", "radial") == "radial":
+        full = radii[-1] + _number(winder, "layer_step_mm") * max(_number(winder, "layers") - len(radii), 0)
+    else:
+        full = _number(winder, "first_radius_mm")
     anchor, centre = _numbers(cable.get("anchor_mm"), 3), _numbers(winder.get("centre_mm"), 3)
     reach = [one - two for one, two in zip(anchor, centre, strict=True)]
     along = sum(one * two for one, two in zip(reach, axis, strict=True))

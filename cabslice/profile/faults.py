@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from cabslice.errors import ProfileError
-from cabslice.profile.checks import relations
+from cabslice.profile.checks import MISSING, relations
 from cabslice.profile.keys import Key, keys, model, suggest
 from cabslice.profile.reader import Draft
 from cabslice.profile.toml import Place, line_of, literal
@@ -24,13 +24,16 @@ def checked(kind: str, draft: Draft) -> Any:
     """The profile as a frozen pydantic model, or ProfileError with all its faults."""
     from pydantic import ValidationError
 
-    found: list[Fault] = []
     result = None
+    errors: list[Any] = []
     try:
         result = model(kind).model_validate(draft.values, strict=True)
     except ValidationError as error:
-        found += _typed(kind, draft, error.errors(include_url=False))
-    found += [Fault(place, sentence) for place, sentence in relations(kind, draft.values)]
+        errors += error.errors(include_url=False)
+    errors += [{"type": "missing", "loc": place} for place, sentence in relations(kind, draft.values)
+               if sentence == MISSING]
+    found = list(_typed(kind, draft, errors))
+    found += [Fault(place, sentence) for place, sentence in relations(kind, draft.values) if sentence != MISSING]
     told = [place for place, _ in draft.faults]
     found = [fault for fault in found if not (fault.absent and fault.place in told)]
     found = [Fault(place, sentence, absent=True) for place, sentence in draft.faults] + found

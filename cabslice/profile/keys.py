@@ -71,7 +71,7 @@ def _walk(schema: Mapping[str, Any], tables: Mapping[str, Any], prefix: tuple[st
         elif inner:
             one = {**inner, **one, "type": "object"}
         description = declared.get("description") or one.get("description", "")
-        required = name in schema.get("required", ()) and "default" not in declared
+        required = (name in schema.get("required", ()) and "default" not in declared) or "needed" in declared
         yield Key(path, _type(one), "" if inner else _unit(path), _bound(one), declared.get("default"), required,
                   inner is not None, " ".join(description.split()))
         if inner:

@@ -6,7 +6,7 @@ Keys carry their unit in their name. A key without a default must be given: ther
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,6 +16,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(
     min_length=1, json_schema_extra={"default": None}, description="absent: the name of the file; never inherited",
 )]
+BY_DEFAULT: Any = {"needed": True}        # may be absent, but not where the kind of its table is the default one
 Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
 
 
@@ -106,20 +107,61 @@ class Pulley(Table):
 
 
 class Winder(Table):
-    """The disc on the motor shaft."""
+    """The disc, drum or spool that takes the cable in. Which keys a kind needs is in `checks`."""
 
-    kind: Literal["radial"] = Field(default="radial", description="how the cable lies: on itself, turn after turn")
-    first_radius_mm: float = Field(gt=0, le=2000, description="cable centre line in layer 0")
-    layer_step_mm: float = Field(ge=0, le=100, description="radius gained per layer beyond those in radii_mm")
+    kind: Literal["radial", "spiral", "drum", "spool"] = Field(
+        default="radial",
+        description="radial: on itself, turn after turn; spiral: radius linear in the angle; drum: side by side in a "
+                    "helical groove; spool: anyhow, the radius grows with what is wound (Hangprinter)",
+    )
+    first_radius_mm: float = Field(gt=0, le=2000, description="cable centre line in layer 0, or at motor angle 0")
+    layer_step_mm: float | None = Field(
+        default=None, ge=0, le=100, json_schema_extra=BY_DEFAULT,
+        description="radial: radius gained per layer beyond those in radii_mm",
+    )
     radii_mm: list[Positive] | None = Field(
         default=None, min_length=1,
-        description="measured radius of layers 0, 1, ...; layer_step_mm goes on from the last",
+        description="radial: measured radius of layers 0, 1, ...; layer_step_mm goes on from the last",
     )
-    ramp_start_deg: float = Field(description="motor angle where layer 0 begins to climb to layer 1")
-    ramp_end_deg: float = Field(description="motor angle where layer 1 is reached")
-    layers: int = Field(ge=1, le=1000, description="layers the disc holds")
+    ramp_start_deg: float | None = Field(
+        default=None, json_schema_extra=BY_DEFAULT,
+        description="radial: motor angle where layer 0 begins to climb to layer 1",
+    )
+    ramp_end_deg: float | None = Field(
+        default=None, json_schema_extra=BY_DEFAULT,
+        description="radial: motor angle where layer 1 is reached",
+    )
+    layers: int | None = Field(
+        default=None, ge=1, le=1000, json_schema_extra=BY_DEFAULT,
+        description="radial: layers the disc holds",
+    )
+    radius_per_turn_mm: float | None = Field(
+        default=None, gt=0, le=100,
+        description="spiral: radius gained per turn of the drum",
+    )
+    pitch_mm: float | None = Field(
+        default=None, ge=-100, le=100,
+        description="drum: travel of the cable along the axis per turn; level with the pulley at home_angle_deg",
+    )
+    buildup_factor_mm: float | None = Field(
+        default=None, ge=0, le=100,
+        description="spool: radius squared gained per mm of line (M666 Q of a Hangprinter)",
+    )
+    lines_per_spool: int = Field(default=1, ge=1, le=100, description="spool: lines wound on it side by side")
+    gear_ratio: float = Field(default=1.0, gt=0, le=10000, description="motor turns per turn of disc, drum or spool")
+    mechanical_advantage: int = Field(
+        default=1, ge=1, le=100,
+        description="strands between frame and platform: line wound per mm of cable",
+    )
+    angle_range_deg: list[float] | None = Field(
+        default=None, min_length=2, max_length=2,
+        description="spiral, drum, spool: motor angles it can turn to; lowest: empty, highest: full",
+    )
     home_angle_deg: float = Field(description="multi-turn motor angle with the platform at home")
-    centre_mm: Vector = Field(description="centre of the disc in the machine frame")
+    centre_mm: Vector | None = Field(
+        default=None, json_schema_extra=BY_DEFAULT,
+        description="centre of the disc in the machine frame; absent (spool): the line to the pulley is constant",
+    )
     routing: Literal["open", "crossed"] = Field(
         default="open",
         description="which common tangent joins disc and pulley",

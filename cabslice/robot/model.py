@@ -50,8 +50,8 @@ class WinderColumns:
     """
 
     radii: Array          # (m, n) mm, radius of the cable's centre line in layers 0..n-1
-    ramp_start: Array     # (m,) rad, motor angle where layer 0 begins to climb
-    ramp_end: Array       # (m,) rad, motor angle where layer 1 is reached
+    ramp_start: Array     # (m,) rad of the spool (the motor, without gear), where layer 0 begins to climb
+    ramp_end: Array       # (m,) rad of the spool, where layer 1 is reached
     home_angle: Array     # (m,) rad, multi-turn motor angle at the home pose
     centre: Array         # (m, 3) mm, machine frame; nan: not known, the line to the pulley counts as constant
     crossed: Array        # (m,) bool: crossed common tangent; else open
@@ -117,7 +117,7 @@ class Robot:
     attachments: Array         # (m, 3) mm, platform frame
     pulley_axes: Array         # (m, 3) unit vectors
     pulley_radii: Array        # (m,) mm, groove + cable radius
-    axial_stiffness: Array     # (m,) N
+    axial_stiffness: Array     # (m,) N, of all strands of a cable together
     cable_radii: Array         # (m,) mm
     clearance: Array           # (m,) mm
     tension_min: Array         # (m,) N
@@ -163,12 +163,13 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
     cables = printer.cable
     diameter = np.array([cable.diameter_mm for cable in cables])
     groove = np.array([cable.pulley.groove_radius_mm for cable in cables])
+    strands = np.array([cable.winder.mechanical_advantage for cable in cables])
     return Robot(
         anchors=np.array([cable.anchor_mm for cable in cables]),
         attachments=np.array([cable.attachment_mm for cable in cables]),
         pulley_axes=np.array([cable.pulley.axis for cable in cables]),
         pulley_radii=np.where(groove > 0, groove + diameter / 2, 0.0) * pulleys,
-        axial_stiffness=np.array([cable.modulus_gpa for cable in cables]) * 1e3 * np.pi / 4 * diameter**2,
+        axial_stiffness=strands * np.array([cable.modulus_gpa for cable in cables]) * 1e3 * np.pi / 4 * diameter**2,
         cable_radii=diameter / 2,
         clearance=np.array([cable.clearance_mm for cable in cables]),
         tension_min=np.array([cable.min_tension_n for cable in cables]),
@@ -189,26 +190,54 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
 
 def _winders(cables: Any) -> WinderColumns:
     winders, motors = [cable.winder for cable in cables], [cable.motor for cable in cables]
-    layers = max(winder.layers for winder in winders)
+    layers = max(winder.layers or 1 for winder in winders)
+    gear = np.array([winder.gear_ratio for winder in winders])
+    ramps = np.radians([_ramp(winder) for winder in winders]) / gear[:, None]
+    unknown = (np.nan,) * 3
     return WinderColumns(
         radii=np.array([_layer_radii(winder, layers) for winder in winders]),
-        ramp_start=np.radians([winder.ramp_start_deg for winder in winders]),
-        ramp_end=np.radians([winder.ramp_end_deg for winder in winders]),
+        ramp_start=ramps[:, 0],
+        ramp_end=ramps[:, 1],
         home_angle=np.radians([winder.home_angle_deg for winder in winders]),
-        centre=np.array([winder.centre_mm for winder in winders]),
+        centre=np.array([winder.centre_mm or unknown for winder in winders], float),
         crossed=np.array([winder.routing == "crossed" for winder in winders]),
         max_speed=np.array([motor.max_speed_rad_s for motor in motors]),
         continuous_torque=np.array([motor.continuous_torque_n_m for motor in motors]) * 1e3,
         peak_torque=np.array([motor.peak_torque_n_m for motor in motors]) * 1e3,
         inertia=np.array([motor.inertia_kg_mm2 for motor in motors]),
         friction=np.array([motor.friction_n_m for motor in motors]) * 1e3,
-        span=np.array([[-np.inf, np.radians(winder.ramp_start_deg) + 2 * np.pi * (winder.layers - 1)]
-                       for winder in winders]),
+        slope=np.array([_slope(winder) for winder in winders]),
+        axial=np.array([winder.pitch_mm if winder.kind == "drum" else 0.0 for winder in winders]) / (2 * np.pi),
+        gear=gear,
+        advantage=np.array([winder.mechanical_advantage for winder in winders], float),
+        span=np.array([_span(winder) for winder in winders]),
     )
+
+
+def _ramp(winder: Any) -> tuple[float, float]:
+    """Degrees; kinds without layers climb nowhere: their radii are all the same."""
+    return (winder.ramp_start_deg, winder.ramp_end_deg) if winder.kind == "radial" else (0.0, 180.0 * winder.gear_ratio)
+
+
+def _slope(winder: Any) -> float:
+    """mm per rad of the spool. A spool's r^2 grows by the factor per mm of line: dr/dphi = factor lines / 2."""
+    if winder.kind == "spiral":
+        return float(winder.radius_per_turn_mm / (2 * np.pi))
+    return float(winder.buildup_factor_mm * winder.lines_per_spool / 2) if winder.kind == "spool" else 0.0
+
+
+def _span(winder: Any) -> tuple[float, float]:
+    """Motor angles it is known for, rad: of a disc all below the end of its last layer."""
+    if winder.kind != "radial":
+        low, high = np.radians(winder.angle_range_deg)
+        return low, high
+    return -np.inf, np.radians(winder.ramp_start_deg) + 2 * np.pi * (winder.layers - 1) * winder.gear_ratio
 
 
 def _layer_radii(winder: Any, layers: int) -> Array:
     """Radii of layers 0..layers-1: the measured ones, then the nominal step on top of the last of them."""
+    if winder.kind != "radial":
+        return np.full(layers, winder.first_radius_mm)
     known = winder.radii_mm or [winder.first_radius_mm]
     more = known[-1] + winder.layer_step_mm * np.arange(1, layers - len(known) + 1)
     return np.concatenate((known, more))[:layers]

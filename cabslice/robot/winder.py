@@ -4,9 +4,8 @@ Legend (Gueners 2021, 6.2.3; Ludvigsen's Hangprinter firmware for build-up, gear
     theta   motor angle, rad, multi-turn, winding in is positive   phi    spool angle, theta / gear
     r       radius of the cable's centre line at phi, mm           w      wound line, integral of r dphi from 0, mm
     L       cable length P to B (kinematics.lengths), mm           line   winder to P (winder_line), mm
-    n       advantage: strands between frame and platform          ES     axial stiffness, N
-    t       tension, the pull of the cable on the platform, N; a line with n strands carries t / n
-    s       strain, t / (n ES)
+    n       advantage: strands between frame and platform          ES     axial stiffness of all strands, N
+    t       tension, the pull of all strands on the platform, N    s      strain, t / ES
 
 Conservation, the unstretched cable of each winder:   w(theta) + (line(theta) + n L) / (1 + s) = constant,
 fixed at the home pose, where theta is winders.home_angle and the tension home_tension (default: the reference tension).
@@ -148,7 +147,7 @@ def motor_angles(robot: Robot, lengths: Array, tension: Array, *, home_tension: 
     Raises PoseError outside winders.span, or where the winder reaches its pulley.
     """
     winders = _winders(robot)
-    pieces, strain = _pieces(winders), 1 + _strain(robot, winders, tension)
+    pieces, strain = _pieces(winders), 1 + _strain(robot, tension)
     goal = _constant(robot, winders, home_tension) - winders.advantage * lengths / strain
 
     def fault(on: Array) -> tuple[Array, Array]:
@@ -169,7 +168,7 @@ def pulley_lengths_of(robot: Robot, angle: Array, tension: Array, *, home_tensio
     pieces, phi = _pieces(winders), _check(winders, np.asarray(angle, float)) / winders.gear
     rest = _constant(robot, winders, home_tension) - _wound(pieces, phi)
     line = _line(robot, winders, pieces, phi)[0].length
-    return (rest * (1 + _strain(robot, winders, tension)) - line) / winders.advantage
+    return (rest * (1 + _strain(robot, tension)) - line) / winders.advantage
 
 
 def motor_rates(
@@ -178,21 +177,22 @@ def motor_rates(
     """Motor speeds (K, m) rad/s: the time derivative of the conservation, for mm, N, mm/s and N/s (all (K, m))."""
     winders = _winders(robot)
     pieces, phi = _pieces(winders), _check(winders, np.asarray(angle, float)) / winders.gear
-    strain, stretching = 1 + _strain(robot, winders, tension), _strain(robot, winders, tension_rates)
+    strain, stretching = 1 + _strain(robot, tension), _strain(robot, tension_rates)
     line, climb, rate = _line(robot, winders, pieces, phi)
     taken = winders.advantage * length_rates - (line.length + winders.advantage * lengths) * stretching / strain
     return -winders.gear * taken / (rate * strain + climb)
 
 
 def loaded_length(robot: Robot, lengths: Array, angle: Array) -> Array:
-    """Whole loaded line (K, m) mm, winder tangent to platform, all strands: what sets the axial stiffness.
+    """Whole loaded length of each cable (K, m) mm, winder to platform: what sets its axial stiffness.
 
-    With n strands the platform sees n^2 ES / rest length.  Without winders: `lengths` as they are.
+    Of n strands only one reaches the winder, so the line between them counts 1/n: with ES of all strands the platform
+    feels ES / rest length.  Without winders: `lengths` as they are.
     """
     if robot.winders is None:
         return lengths
     winders, angle = robot.winders, _check(robot.winders, np.asarray(angle, float))
-    return _line(robot, winders, _pieces(winders), angle / winders.gear)[0].length + winders.advantage * lengths
+    return _line(robot, winders, _pieces(winders), angle / winders.gear)[0].length / winders.advantage + lengths
 
 
 def _line(robot: Robot, winders: WinderColumns, pieces: _Pieces, phi: Array) -> tuple[WinderLine, Array, Array]:
@@ -207,11 +207,11 @@ def _constant(robot: Robot, winders: WinderColumns, home_tension: Array | None) 
     pieces, phi = _pieces(winders), (_check(winders, winders.home_angle[None]) / winders.gear)
     tension = robot.tension_reference if home_tension is None else np.asarray(home_tension, float)
     line = _line(robot, winders, pieces, phi)[0].length + winders.advantage * cable_lengths(robot, robot.home[None])
-    return (_wound(pieces, phi) + line / (1 + _strain(robot, winders, tension)))[0]
+    return (_wound(pieces, phi) + line / (1 + _strain(robot, tension)))[0]
 
 
-def _strain(robot: Robot, winders: WinderColumns, tension: Array) -> Array:
-    return np.asarray(tension, float) / (winders.advantage * robot.axial_stiffness)
+def _strain(robot: Robot, tension: Array) -> Array:
+    return np.asarray(tension, float) / robot.axial_stiffness
 
 
 def _newton(fault: Callable[[Array], tuple[Array, Array]], x: Array, tolerance: float = 1e-10, most: int = 20) -> Array:
