@@ -155,3 +155,23 @@ def test_across_completes_a_unit_vector_to_a_frame(seed, size):
     normal /= np.linalg.norm(normal, axis=0)
     frame = np.concatenate((normal[:, None], across(normal)), axis=1).transpose(2, 0, 1)
     np.testing.assert_allclose(frame.swapaxes(1, 2) @ frame, np.broadcast_to(np.eye(size), (4, size, size)), atol=1e-13)
+
+
+def test_the_shortcut_without_margins_gives_the_same_tensions():
+    from robots import cabfab_optim
+
+    from cabslice.robot.tension import nearest, unmeasured
+    from cabslice.robot.wrench import required_wrench, wrench_matrix
+
+    robot, rng = cabfab_optim(), np.random.default_rng(11)
+    poses, accels = np.zeros((2, 500, 6))
+    poses[:, :3] = rng.uniform(-300, 300, (500, 3))
+    poses[:, 3:] = rng.uniform(-0.1, 0.1, (500, 3))
+    accels[:, :3] = rng.uniform(-4e4, 4e4, (500, 3))
+    wrench, required = wrench_matrix(robot, poses), required_wrench(robot, poses, accels * 0, accels)
+    bounds = robot.tension_min, robot.tension_max, robot.tension_reference
+    slow, fast = nearest(wrench, required, *bounds), unmeasured(wrench, required, *bounds)
+    assert 20 < slow.feasible.sum() < 480
+    np.testing.assert_array_equal(fast.feasible, slow.feasible)
+    np.testing.assert_allclose(fast.tension, slow.tension, atol=1e-9)
+    assert np.isnan(fast.margin).all()

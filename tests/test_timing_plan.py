@@ -64,7 +64,8 @@ def replace_in(space, **changes):
 
 def _solved(task, block):
     places = planner._nodes(task, block.move, block.sigma)
-    return task.rules.solve(places, np.ones(len(block.step)), planner._tops(task, block), block.step, block.offsets)[0]
+    ones = np.ones(len(block.step))
+    return task.rules.solve(places, ones, planner._tops(task, block), block.step, block.offsets)[0]
 
 
 def test_compiled_rules_are_the_array_rules():

@@ -42,15 +42,31 @@ class Tensions:
         return len(self.feasible)
 
 
-def nearest_tension(robot: Robot, poses: Array, required: Array) -> Tensions:
+def nearest_tension(robot: Robot, poses: Array, required: Array, *, margins: bool = True) -> Tensions:
     """The feasible tensions nearest to robot.tension_reference.
 
     poses (K, 6); required (K, 6) N and N mm, what W @ t must equal (wrench.required_wrench). Exact; continuous in pose
-    and wrench. Raises PoseError where a cable cannot be led to its attachment.
+    and wrench. Without `margins` they are nan, at a third of the time. Raises PoseError where a cable cannot be led to
+    its attachment.
     """
     wrench = wrench_matrix(robot, poses, masked=True)
     needed = np.asarray(required, dtype=float)[:, robot.freedoms]
-    return nearest(wrench, needed, robot.tension_min, robot.tension_max, robot.tension_reference)
+    bounds = robot.tension_min, robot.tension_max, robot.tension_reference
+    return nearest(wrench, needed, *bounds) if margins else unmeasured(wrench, needed, *bounds)
+
+
+def unmeasured(wrench: Array, required: Array, tension_min: Array, tension_max: Array, reference: Array) -> Tensions:
+    """As nearest with bounds and reference (m,), margins left nan: the polygon only where the bounds bind."""
+    from cabslice.robot.tension_kernel import fill_unbounded
+
+    tension, feasible = np.empty((len(wrench), wrench.shape[2])), np.empty(len(wrench), bool)
+    fill_unbounded(np.ascontiguousarray(wrench), np.ascontiguousarray(required), reference, tension, feasible)
+    feasible &= ((tension >= tension_min) & (tension <= tension_max)).all(axis=1)
+    rest = np.flatnonzero(~feasible)
+    if len(rest):
+        careful = nearest(wrench[rest], required[rest], tension_min, tension_max, reference)
+        tension[rest], feasible[rest] = careful.tension, careful.feasible
+    return Tensions(tension, feasible, np.full(len(wrench), np.nan))
 
 
 def nearest(wrench: Array, required: Array, tension_min: Array, tension_max: Array, reference: Array) -> Tensions:

@@ -19,9 +19,9 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
-from cabslice.robot.model import Robot
-from cabslice.robot.tension import nearest_tension
-from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.robot.tension import unmeasured
+from cabslice.robot.wrench import wrench_matrix
 from cabslice.timing.trajectory import Trajectory, sample
 from cabslice.toolpath.path import Toolpath
 
@@ -151,11 +151,12 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
 def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> None:
     """Tensions that hold the platform on the motion exist within the bounds: found, then verified on the spot."""
     robot = subject.robot
-    accels = np.hstack((accel, np.zeros_like(accel)))
-    required = required_wrench(robot, poses, np.zeros_like(accels), accels)
-    found = nearest_tension(robot, poses, required)
-    free = robot.freedoms
-    supplied = np.einsum("kfm,km->kf", wrench_matrix(robot, poses), np.nan_to_num(found.tension))
+    force = robot.mass * (accel - GRAVITY) * NEWTON                  # the platform is level and does not turn
+    required = np.hstack((force, np.cross(robot.centre_of_mass, force)))
+    wrench, free = wrench_matrix(robot, poses), robot.freedoms
+    bounds = robot.tension_min, robot.tension_max, robot.tension_reference
+    found = unmeasured(wrench[:, free], required[:, free], *bounds)
+    supplied = np.einsum("kfm,km->kf", wrench, np.nan_to_num(found.tension))
     arm = max(float(np.abs(robot.attachments).max()), 1.0)
     missing = np.abs(supplied - required) / np.where(np.arange(6) < 3, 1.0, arm)
     held = found.feasible & (missing[:, free] <= BALANCE * robot.tension_max.max()).all(axis=1)

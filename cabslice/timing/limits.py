@@ -18,6 +18,7 @@ from cabslice.arrays import Array
 from cabslice.robot.kinematics import length_accelerations
 from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.reach import tension_rows
+from cabslice.robot.winder import transmission_bounds
 from cabslice.robot.wrench import required_wrench, wrench_matrix
 from cabslice.timing.grid import Grid
 from cabslice.timing.path import Path
@@ -96,12 +97,12 @@ def _tension(robot: Robot, nodes: Nodes) -> Block:
 
 
 def highest_tension(robot: Robot) -> Array:
-    """(m,) N: the bound of the cable, or what the motor holds for ever on the outermost layer if that is less."""
+    """(m,) N: the bound of the cable, or if that is less what the motor holds for ever on its longest lever."""
     if robot.winders is None:
         return robot.tension_max
     winders = robot.winders
     torque = winders.continuous_torque * (1 - TORQUE_SHARE) - winders.friction
-    return np.minimum(robot.tension_max, torque / winders.radii.max(axis=1))
+    return np.minimum(robot.tension_max, torque / transmission_bounds(winders)[1])
 
 
 def winding_caps(robot: Robot) -> tuple[Array, Array]:
@@ -109,10 +110,10 @@ def winding_caps(robot: Robot) -> tuple[Array, Array]:
     winders = robot.winders
     if winders is None:
         return np.full(robot.cables, np.inf), np.full(robot.cables, np.inf)
-    inner = winders.radii.min(axis=1)
+    least = transmission_bounds(winders)[0]                          # mm of cable per rad
     with np.errstate(divide="ignore"):
         spin = TORQUE_SHARE * winders.continuous_torque / (winders.inertia * NEWTON)
-    return spin * inner, winders.max_speed * inner * (1 - RESERVE)
+    return spin * least, winders.max_speed * least * (1 - RESERVE)
 
 
 def _winding(robot: Robot, nodes: Nodes) -> Block:

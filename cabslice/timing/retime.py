@@ -47,12 +47,11 @@ class Task:
 
 @dataclass(frozen=True)
 class Block:
-    """Pieces first..last-1: their intervals are `which` of the grid; start (I,) is the node each begins at."""
+    """Some pieces: `which` are their intervals in the grid; start (I,) is the node each begins at."""
 
-    first: int
-    last: int
-    which: slice
-    offsets: Array      # (pieces+1,) of the nodes
+    pieces: Array       # (B,)
+    which: Array        # (I,)
+    offsets: Array      # (B+1,) of the nodes
     start: Array        # (I,)
     step: Array         # (G,) mm to the next node; 0 at the end of a piece
     move: Array         # (G,)
@@ -75,9 +74,9 @@ def plan(
         for block, x in zip(blocks, pool.map(lambda block: _plan_block(task, block), blocks), strict=True):
             speeds.append(x)
             if progress:
-                progress(block.last, len(toolpath.starts) - 1)
-    nodes = task.grid.intervals + np.arange(len(task.grid.intervals))
-    return _trajectory(task, 0, nodes, np.concatenate(speeds))
+                progress(int(block.pieces[-1]) + 1, len(toolpath.starts) - 1)
+    everything = block_of(task.grid, np.arange(len(toolpath.starts) - 1))
+    return _trajectory(task, everything, np.concatenate(speeds))
 
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
@@ -93,40 +92,52 @@ def blocks_of(grid: Grid) -> Iterator[Block]:
     while first < len(intervals) - 1:
         last = int(np.searchsorted(intervals, intervals[first] + BLOCK_NODES, side="right")) - 1
         last = max(last, first + 1)
-        yield _block(grid, first, last)
+        yield block_of(grid, np.arange(first, last))
         first = last
 
 
-def _block(grid: Grid, first: int, last: int) -> Block:
-    spans = grid.intervals[first:last + 1]
-    which = slice(int(spans[0]), int(spans[-1]))
-    offsets = spans - spans[0] + np.arange(len(spans))
+def block_of(grid: Grid, pieces: Array) -> Block:
+    """The intervals and nodes of pieces (B,), in the order given."""
+    counts = grid.intervals[pieces + 1] - grid.intervals[pieces]
+    offsets = np.concatenate(([0], np.cumsum(counts + 1)))
     ends = offsets[1:] - 1
     start = np.delete(np.arange(offsets[-1]), ends)
+    which = start + np.repeat(grid.intervals[pieces] - offsets[:-1], counts)
     move, sigma, step = np.empty(offsets[-1], np.int64), np.empty(offsets[-1]), np.zeros(offsets[-1])
     move[start], sigma[start], step[start] = grid.move[which], grid.low[which], (grid.high - grid.low)[which]
-    move[ends], sigma[ends] = grid.move[spans[1:] - 1], grid.high[spans[1:] - 1]
-    return Block(first, last, which, offsets, start, step, move, sigma)
+    final = grid.intervals[pieces + 1] - 1
+    move[ends], sigma[ends] = grid.move[final], grid.high[final]
+    return Block(pieces, which, offsets, start, step, move, sigma)
 
 
 def _plan_block(task: Task, block: Block) -> Array:
     """x (nodes of the block,) mm^2/s^2: planned, checked as it will be moved, tightened where a limit is broken."""
-    places, top = _nodes(task, block.move, block.sigma), _tops(task, block)
-    tight = np.ones(len(top))
+    x, tight = np.empty(len(block.step)), np.ones(len(block.step))
+    part, at = block, np.arange(len(x))                    # the pieces still to plan, and their nodes in the block
     for _ in range(ROUNDS):
-        x, margin = task.rules.solve(places, tight, top / tight, block.step, block.offsets)
-        if (margin <= 0).any():
-            raise _cannot_rest(task, block.move, margin)
-        broken = _broken(task, block, x)
+        x[at] = _solved(task, part, tight[at])
+        broken = _broken(task, part, x[at])
         if broken is None:
             return x
-        tight *= broken
-    stretch = np.ones(block.last - block.first)
-    while (broken := _broken(task, block, x)) is not None:
-        worst = np.maximum.reduceat(broken, block.offsets[:-1])
-        stretch = np.where(worst > 1, 1.05 * worst, 1.0)
-        x = x / np.repeat(stretch, np.diff(block.offsets))
+        tight[at] *= broken
+        part, at = _still_broken(task.grid, part, at, broken)
+    while (broken := _broken(task, part, x[at])) is not None:
+        worst = np.maximum.reduceat(broken, part.offsets[:-1])
+        x[at] /= np.repeat(np.where(worst > 1, 1.05 * worst, 1.0), np.diff(part.offsets))
     return x
+
+
+def _solved(task: Task, block: Block, tight: Array) -> Array:
+    places = _nodes(task, block.move, block.sigma)
+    x, margin = task.rules.solve(places, tight, _tops(task, block) / tight, block.step, block.offsets)
+    if (margin <= 0).any():
+        raise _cannot_rest(task, block.move, margin)
+    return x
+
+
+def _still_broken(grid: Grid, block: Block, at: Array, broken: Array) -> tuple[Block, Array]:
+    worst = np.maximum.reduceat(broken, block.offsets[:-1]) > 1
+    return block_of(grid, block.pieces[worst]), at[np.repeat(worst, np.diff(block.offsets))]
 
 
 def _nodes(task: Task, move: Array, sigma: Array) -> Nodes:
@@ -146,7 +157,7 @@ def _tops(task: Task, block: Block) -> Array:
 
 def _broken(task: Task, block: Block, x: Array) -> Array | None:
     """Factors (G,) > 1 by which to tighten nodes whose surroundings break a limit in the averaged motion, or None."""
-    trajectory = _trajectory(task, block.first, block.offsets, x)
+    trajectory = _trajectory(task, block, x)
     piece, times = _instants(trajectory, task.limits.window)
     s, rate, u = averaged(trajectory, piece, times)
     move = move_at(trajectory, piece, s)
@@ -192,35 +203,29 @@ def _cannot_rest(task: Task, move: Array, margin: Array) -> ImpossibleError:
     return ImpossibleError(sentence, [finding])
 
 
-def _trajectory(task: Task, first: int, pieces: Array, x: Array) -> Trajectory:
-    """The motion of pieces first, first+1, ... with x (G,) at their nodes, offsets pieces; its clock starts at 0."""
-    grid, path, window = task.grid, task.path, task.limits.window
-    spans = grid.intervals[first:first + len(pieces)]
-    ends = pieces[1:] - 1
-    start = np.delete(np.arange(pieces[-1]), ends)
-    move, s = np.empty(pieces[-1], np.int64), np.empty(pieces[-1])
-    which = slice(spans[0], spans[-1])
-    move[start], s[start] = grid.move[which], path.start[grid.move[which]] + grid.low[which]
-    move[ends] = grid.move[spans[1:] - 1]
-    s[ends] = (path.start[grid.move] + grid.high)[spans[1:] - 1]
-    time = _clock(task.toolpath, first, s, x, start, pieces, window)
-    return Trajectory(path, time, s, x, move, pieces, nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3], window)
+def _trajectory(task: Task, block: Block, x: Array) -> Trajectory:
+    """The motion of the pieces of a block with x (G,) at its nodes; the clock starts at 0."""
+    s = task.path.start[block.move] + block.sigma
+    time = _clock(task.toolpath, block, s, x, task.limits.window)
+    to_pose = nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3]
+    return Trajectory(task.path, time, s, x, block.move, block.offsets, to_pose, task.limits.window)
 
 
-def _clock(toolpath: Toolpath, first: int, s: Array, x: Array, start: Array, pieces: Array, window: float) -> Array:
+def _clock(toolpath: Toolpath, block: Block, s: Array, x: Array, window: float) -> Array:
     """Absolute time of every node, a window of rest between pieces and dwells before them."""
     spent = np.zeros(len(s))
     with np.errstate(divide="ignore", invalid="ignore"):
-        spent[start + 1] = times_between(s, x)[start]
-    spent[pieces[:-1]] = window
+        spent[block.start + 1] = times_between(s, x)[block.start]
+    spent[block.offsets[:-1]] = window
     spent[0] = window / 2
-    _dwell(toolpath, first, pieces, spent)
+    _dwell(toolpath, block, spent)
     return np.cumsum(spent)
 
 
-def _dwell(toolpath: Toolpath, first: int, pieces: Array, spent: Array) -> None:
+def _dwell(toolpath: Toolpath, block: Block, spent: Array) -> None:
     events = toolpath.events
     dwells = events.kind == EventKind.DWELL
-    piece = np.searchsorted(toolpath.starts, events.index[dwells], side="left") - first
-    here = (piece >= 0) & (piece < len(pieces) - 1)
-    np.add.at(spent, pieces[piece[here]], events.value[dwells][here])
+    piece = np.searchsorted(toolpath.starts, events.index[dwells], side="left")
+    found = np.searchsorted(block.pieces, piece)
+    here = (found < len(block.pieces)) & (block.pieces[np.minimum(found, len(block.pieces) - 1)] == piece)
+    np.add.at(spent, block.offsets[:-1][found[here]], events.value[dwells][here])

@@ -98,9 +98,11 @@ def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:
     near = np.arange(low, int(piece.max()) + 1)
     first, last = trajectory.move[pieces[near]], trajectory.move[pieces[near + 1] - 1]
     longest = 1.0 + float(trajectory.s[pieces[near + 1] - 1].max())
-    key = path.start[first[0]:last[-1] + 1] + longest * np.repeat(near - low, last - first + 1)
+    counts = last - first + 1
+    moves = np.arange(counts.sum()) + np.repeat(first - np.cumsum(counts) + counts, counts)
+    key = path.start[moves] + longest * np.repeat(near - low, counts)
     which = piece - low
-    found = first[0] + np.searchsorted(key, s + longest * which, side="right") - 1
+    found = moves[np.maximum(np.searchsorted(key, s + longest * which, side="right") - 1, 0)]
     return np.clip(found, first[which], last[which])
 
 
