@@ -43,9 +43,11 @@ def medial_lines(points: Array, starts: Array, *, widest_mm: float, step_mm: flo
     if not len(place):
         return MedialLines(np.zeros((0, 2)), np.zeros(0), np.zeros(1, np.int64), np.zeros(0, np.int64))
     radius, partner = _largest_discs(place, normal, widest_mm)
+    radius = _against_edge(place, normal, radius, partner)
     centre = place + radius[:, None] * normal
     chord = np.linalg.norm(place[partner] - place, axis=1)
-    good = (2 * radius <= widest_mm) & (chord >= 2 * np.sin(TURN / 2) * radius) & (np.arange(len(place)) < partner)
+    apart = (chord >= 2 * np.sin(TURN / 2) * radius) & ((normal * normal[partner]).sum(1) <= np.cos(TURN))
+    good = (2 * radius <= widest_mm) & apart & (np.arange(len(place)) < partner)
     return _lines(centre, 2 * radius, ring, order, good, step_mm)
 
 
@@ -106,6 +108,19 @@ def _largest_discs(place: Array, normal: Array, widest: float) -> tuple[Array, A
         partner[mine] = q[hit[np.searchsorted(hit, opens)]]
     radius[~np.isfinite(radius)] = widest
     return radius, partner
+
+
+def _against_edge(place: Array, normal: Array, radius: Array, partner: Array) -> Array:
+    """Radii (N,) of discs that touch the edge through the other sample rather than the sample itself.
+
+    For edges that face each other, with m the normal there: the distance of c = p + r n from that edge is r, so
+    r = (p - q).m / (1 - n.m).
+    """
+    other = normal[partner]
+    facing = 1 - (normal * other).sum(1)
+    depth = ((place - place[partner]) * other).sum(1)
+    exact = np.divide(depth, facing, out=radius.copy(), where=facing > 1.5)
+    return np.where((exact > 0.8 * radius) & (exact < radius), exact, radius)
 
 
 def _lines(centre: Array, diameter: Array, ring: Array, ahead: Array, good: Array, step: float) -> MedialLines:

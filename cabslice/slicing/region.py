@@ -17,7 +17,8 @@ from manifold3d import FillRule, JoinType, OpType
 from cabslice.arrays import Array
 from cabslice.slicing.layer import Polygons
 
-ARC_MM = 0.005   # how far the chords of a rounded corner may leave its arc
+ARC = 0.02       # of the radius: how far the chords of a rounded corner may leave its arc
+ARC_SEGMENTS = 4 * ceil(pi / acos(1 - ARC) / 4)
 BOUND = 0.6      # manifold3d's simplify leaves outlines by up to 1.6 times what it is asked
 
 
@@ -48,12 +49,7 @@ def offset(region: Region, distance: float, *, round_corners: bool = False) -> R
         return region
     if not round_corners:
         return region.offset(distance, JoinType.Miter, 2.0)
-    return region.offset(distance, JoinType.Round, 2.0, arc_segments(abs(distance)))
-
-
-def arc_segments(radius: float) -> int:
-    """Chords of a full circle that stay within ARC_MM of it."""
-    return max(8, ceil(pi / acos(max(0.0, 1 - ARC_MM / radius)))) if radius > ARC_MM else 8
+    return region.offset(distance, JoinType.Round, 2.0, ARC_SEGMENTS).simplify(ARC / 2 * abs(distance))
 
 
 def union(regions: Sequence[Region]) -> Region:
@@ -78,7 +74,7 @@ def intersection(region: Region, other: Region) -> Region:
 
 def opening(region: Region, radius: float) -> Region:
     """What of the region is wider than 2 radius (mm); sharp corners stay."""
-    core = offset(region, -radius)
+    core = offset(region, -radius, round_corners=True)  # a mitre would take away what is wide enough
     if core.is_empty():
         return core
     return intersection(offset(core, radius), region)

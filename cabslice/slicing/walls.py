@@ -77,11 +77,11 @@ def _simple(outline: Region, steps: list[tuple[float, float]], widths: tuple[flo
 
 def _level(room: Region, outer: float, inner: float, thinnest: float) -> tuple[Region, Region, Region]:
     """Centre lines at `outer` inside the edge of the room, `inner` away from the next room; thin parts; next room."""
-    inside = offset(room, -(outer + inner))
     lines = offset(room, -outer)
     if not lines.is_empty():
-        lines = intersection(offset(inside, inner), lines)
-    return lines, thin_parts(room, offset(lines, outer), thinnest), inside
+        core = offset(room, -(outer + inner), round_corners=True)
+        lines = intersection(offset(core, inner), lines)
+    return lines, thin_parts(room, offset(lines, outer), thinnest), offset(lines, -inner)
 
 
 def thin_parts(room: Region, covered: Region, thinnest: float) -> Region:
