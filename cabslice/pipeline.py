@@ -20,7 +20,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cabslice.errors import ImpossibleError, ProfileError, UsageError
+import numpy as np
+
+from cabslice.errors import ImpossibleError, ModelError, ProfileError, UsageError
 from cabslice.feasibility.findings import Verdict
 from cabslice.files import atomic
 from cabslice.mesh.part import Part
@@ -30,7 +32,7 @@ from cabslice.profile.material import Material
 from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
 from cabslice.robot.model import Robot, robot_from_printer
-from cabslice.slicing.layer import Layer
+from cabslice.slicing.layer import Layer, Role
 from cabslice.store import Laid, Origin, Planned, Product, Sliced
 from cabslice.toolpath.path import Toolpath
 from cabslice.toolpath.summary import summary
@@ -177,6 +179,11 @@ def to_path(product: Placed | Product, progress: Progress = silent) -> Laid:
         filament_diameter_mm=profiles.printer.extruder.filament_diameter_mm,
         source=f"{product.origin.part} sha256:{product.origin.sha256}",
     )
+    if not np.isin(toolpath.role, (Role.TRAVEL, Role.SKIRT), invert=True).any():
+        raise ModelError(
+            f"{product.origin.part}: no layer of it has room for a bead {profiles.process.outer_bead_mm:g} mm wide; "
+            "is the unit right? See --unit and --scale.", file=product.origin.part,
+        )
     return Laid(product.origin, toolpath)
 
 
