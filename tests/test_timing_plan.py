@@ -79,6 +79,18 @@ def test_compiled_rules_are_the_array_rules():
     np.testing.assert_allclose(compiled.used(nodes, u, x), arrays.used(nodes, u, x), rtol=1e-9)
 
 
+def test_leaving_out_what_cannot_bind_changes_nothing():
+    """With a cap on acceleration most places are quiet: there the motion is the one with all rows."""
+    capped = replace_in(PRINTER, motion=replace_in(PRINTER.motion, max_acceleration_mm_s2=5000.0))
+    toolpath = print_like(2)
+    quick = planner.task_for(toolpath, ROBOT, capped, MATERIAL, PROCESS, "compiled")
+    careful = planner.task_for(toolpath, ROBOT, capped, MATERIAL, PROCESS, "compiled")
+    careful.rules.quiet = lambda positions: np.zeros(len(positions), np.bool_)
+    (block,) = planner.blocks_of(quick.grid)
+    assert quick.rules.quiet(planner._nodes(quick, block.move, block.sigma).poses[:, :3]).all()
+    np.testing.assert_allclose(planner._plan_block(quick, block), planner._plan_block(careful, block), rtol=1e-9)
+
+
 def test_toppra_as_engine_plans_the_same_motion():
     toolpath = polyline(5, 12)
     ours, theirs = planned(toolpath), planned(toolpath, engine="toppra")

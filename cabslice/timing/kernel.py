@@ -23,6 +23,7 @@ from cabslice.timing.recursion import lower_to_rows, retime_piece, spread
 
 FREEDOMS = 6
 PARALLEL = 1e-9
+OWN = 8            # rows that need no cables
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -85,6 +86,14 @@ def _fill(a, b, at, slope_u, slope_x, low, high, keep):
     a[at + 1], b[at + 1] = slope_u / (low * keep), slope_x / (low * keep)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b):
+    """The rows that need no cables: acceleration of each axis and of the filament."""
+    for axis in range(3):
+        _fill(a, b, 2 * axis, d1[axis], d2[axis], -accel, accel, keep)
+    _fill(a, b, 6, feed, 0.0, -feed_accel, feed_accel, keep)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _node(p, d1, d2, feed, geometry, load, bounds, a, b, scratch):
     """Rows of one node into a, b (R,); returns the margin at rest as a share of the range (<= 0: cannot rest) and
@@ -94,10 +103,8 @@ def _node(p, d1, d2, feed, geometry, load, bounds, a, b, scratch):
     t_min, t_max, caps, accel, feed_accel, keep = bounds
     g, h, tau, unit, tip, pivot, used = scratch
     m = len(radii)
-    for axis in range(3):
-        _fill(a, b, 2 * axis, d1[axis], d2[axis], -accel, accel, keep)
-    _fill(a, b, 6, feed, 0.0, -feed_accel, feed_accel, keep)
-    at = 8
+    _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b)
+    at = OWN
     for i in range(m):
         for axis in range(3):
             tip[axis] = p[axis] + levers[i, axis]
@@ -166,13 +173,14 @@ def _scratch(m):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _row_count(m):
-    return 8 + 2 * m + m * (m - 1) * (m - 2) // 3
+    return OWN + 2 * m + m * (m - 1) * (m - 2) // 3
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(q, d1, d2, feed, tight, top, step, nodes, window, geometry, load, bounds, x, margin):
+def _solve(q, d1, d2, feed, quiet, tight, top, step, nodes, window, geometry, load, bounds, x, margin):
     """Rows and recursion piece by piece, so that the rows of a piece stay in the cache."""
     m = len(geometry[2])
+    _, _, _, accel, feed_accel, keep = bounds
     longest = 0
     for piece in range(len(nodes) - 1):
         longest = max(longest, nodes[piece + 1] - nodes[piece])
@@ -181,30 +189,67 @@ def _solve(q, d1, d2, feed, tight, top, step, nodes, window, geometry, load, bou
     scratch = _scratch(m)
     for piece in range(len(nodes) - 1):
         first, count = nodes[piece], nodes[piece + 1] - nodes[piece]
+        last = first + count
+        rows = OWN if quiet[first:last].all() else a.shape[1]
         for k in range(count):
             at = first + k
-            margin[at], fastest = _node(q[at], d1[at], d2[at], feed[at], geometry, load, bounds, a[k], b[k], scratch)
+            if rows == OWN:
+                _own_rows(d1[at], d2[at], feed[at], accel, feed_accel, keep, a[k], b[k])
+                margin[at], fastest = 1.0, 0.0
+            else:
+                margin[at], fastest = _node(
+                    q[at], d1[at], d2[at], feed[at], geometry, load, bounds, a[k], b[k], scratch)
             highest[k] = min(top[at], 1.0 / (fastest * fastest)) if fastest > 0.0 else top[at]
-            for row in range(a.shape[1]):
+            for row in range(rows):
                 a[k, row] *= tight[at]
                 b[k, row] *= tight[at]
         if window > 0.0:
-            lower_to_rows(b[:count], highest[:count])
-            spread(highest[:count], step[first:first + count - 1], window)
-        last = first + count
-        retime_piece(a[:count], b[:count], highest[:count], step[first:last - 1], x[first:last])
+            lower_to_rows(b[:count, :rows], highest[:count])
+            spread(highest[:count], step[first:last - 1], window)
+        retime_piece(a[:count, :rows], b[:count, :rows], highest[:count], step[first:last - 1], x[first:last])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _used(q, d1, d2, feed, u, x, geometry, load, bounds, out):
+def _used(q, d1, d2, feed, quiet, u, x, geometry, load, bounds, out):
     m = len(geometry[2])
+    _, _, _, accel, feed_accel, keep = bounds
     a, b = np.empty(_row_count(m)), np.empty(_row_count(m))
     scratch = _scratch(m)
     for k in range(len(q)):
-        _, fastest = _node(q[k], d1[k], d2[k], feed[k], geometry, load, bounds, a, b, scratch)
+        rows, fastest = OWN, 0.0
+        if quiet[k]:
+            _own_rows(d1[k], d2[k], feed[k], accel, feed_accel, keep, a, b)
+        else:
+            _, fastest = _node(q[k], d1[k], d2[k], feed[k], geometry, load, bounds, a, b, scratch)
+            rows = len(a)
         worst = x[k] * fastest * fastest
-        for row in range(len(a)):
+        for row in range(rows):
             worst = max(worst, a[row] * u[k] + b[row] * x[k])
+        out[k] = worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at_worst(q, speed, geometry, load, bounds, out):
+    m = len(geometry[2])
+    accel, keep = bounds[3], bounds[5]
+    count = _row_count(m)
+    a, b, total = np.empty(count), np.empty(count), np.empty(count)
+    direction, still = np.zeros(3), np.zeros(3)
+    scratch = _scratch(m)
+    for k in range(len(q)):
+        total[:] = 0.0
+        worst = 0.0
+        for axis in range(3):
+            direction[:] = 0.0
+            direction[axis] = 1.0
+            margin, fastest = _node(q[k], direction, still, 0.0, geometry, load, bounds, a, b, scratch)
+            if not margin > 0.0:
+                worst = np.inf
+            worst += fastest * speed
+            for row in range(OWN, count):
+                total[row] += abs(a[row]) * accel * keep
+        for row in range(OWN, count):
+            worst = max(worst, total[row])
         out[k] = worst
 
 
@@ -224,24 +269,37 @@ def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, ac
     return geometry, load, bounds
 
 
-def solve(q: Array, d1: Array, d2: Array, feed: Array, tight: Array, top: Array, step: Array, nodes: Array,
-          window: float, robot_columns: tuple[tuple, tuple, tuple]) -> tuple[Array, Array]:
+def solve(q: Array, d1: Array, d2: Array, feed: Array, quiet: Array, tight: Array, top: Array, step: Array,
+          nodes: Array, window: float, robot_columns: tuple[tuple, tuple, tuple]) -> tuple[Array, Array]:
     """x (G,) at the nodes of a block of pieces and the margin (G,) at rest as a share of the range (<= 0: cannot rest).
 
     q, d1, d2 (G, 3) platform origin in the machine frame and its derivatives by s; feed (G,) filament per mm;
-    tight (G,) factors on the rows; top (G,); step (G,); nodes (P+1,) as in recursion.retime; window s.
+    quiet (G,) bool: the rows of the cables are known to follow from those of the axes (at_worst), and are left out
+    where that holds for a whole piece; tight (G,) factors on the rows; top (G,), step (G,), nodes (P+1,) as in
+    recursion.retime; window s.
     """
     x, margin = np.empty((2, len(q)))
     geometry, load, bounds = robot_columns
-    _solve(q, d1, d2, feed, tight, top, step, nodes, window, geometry, load, bounds, x, margin)
+    _solve(q, d1, d2, feed, quiet, tight, top, step, nodes, window, geometry, load, bounds, x, margin)
     return x, margin
 
 
-def used(q: Array, d1: Array, d2: Array, feed: Array, u: Array, x: Array, robot_columns: tuple) -> Array:
+def used(q: Array, d1: Array, d2: Array, feed: Array, quiet: Array, u: Array, x: Array, robot_columns: tuple) -> Array:
     """(K,) largest share of any limit that (u, x) uses; nan where a cable cannot run."""
     out = np.empty(len(q))
     geometry, load, bounds = robot_columns
-    _used(q, d1, d2, feed, u, x, geometry, load, bounds, out)
+    _used(q, d1, d2, feed, quiet, u, x, geometry, load, bounds, out)
+    return out
+
+
+def at_worst(q: Array, speed: float, robot_columns: tuple) -> Array:
+    """(K,) largest share of the cables' limits at any acceleration the axes allow and any direction at `speed` mm/s.
+
+    Turning of the cables at that speed is not in it: leave room. inf where the platform cannot rest. q (K, 3).
+    """
+    out = np.empty(len(q))
+    geometry, load, bounds = robot_columns
+    _at_worst(np.ascontiguousarray(q), speed, geometry, load, bounds, out)
     return out
 
 
