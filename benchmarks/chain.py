@@ -120,7 +120,7 @@ def run_stage(stage: str, printer: str, source: str, target: str | None) -> int:
             return errors.EXIT_OK
         if stage == "audit":
             return tell(pipeline.audited(product, jobs=os.cpu_count() or 1))
-        stream = pipeline.stream_of(product, {"numbers": {}}, pipeline.period_of(product))
+        stream = pipeline.stream_of(product, {"numbers": pipeline.numbers_of(product)}, pipeline.period_of(product))
         pipeline.save_stream(stream, str(target), "stream")
         print(f"{stream.rows} rows")
         return errors.EXIT_OK

@@ -24,7 +24,7 @@ import numpy as np
 
 from cabslice.errors import ImpossibleError, ModelError, ProfileError, UsageError
 from cabslice.feasibility.findings import Verdict
-from cabslice.files import atomic
+from cabslice.files import STDOUT, atomic
 from cabslice.mesh.part import Part
 from cabslice.motors.stream import MotorStream
 from cabslice.profile import shelf
@@ -247,12 +247,14 @@ def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float) -> Moto
 def save_stream(
     stream: MotorStream, path: str | Path, format: str, *, overwrite: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
-    """Write a motor file; the numbers of its header and, per cable, of its rows."""
+    """Write a motor file and read it back; the numbers of its header and, per cable, of the rows that are in it."""
     from cabslice.motors.formats import FORMATS
 
     tick = partial(progress, "write")
     rows = FORMATS[format].write(stream, path, overwrite=overwrite, progress=lambda row: tick(row, stream.rows))
-    return rows.as_dict() | dict(stream.header["numbers"])
+    if str(path) == STDOUT:
+        return rows.as_dict() | dict(stream.header["numbers"])
+    return numbers.of_stream(FORMATS[format].read(path))
 
 
 def save_gcode(laid: Laid, path: str | Path, *, overwrite: bool = False) -> None:

@@ -115,17 +115,12 @@ def test_each_command_answers_with_one_json_object(box, capsys):
 def test_the_numbers_of_export_are_those_of_inspect(box, capsys):
     _, made = answered(capsys, "export", box, *PRINTER, *SETS, "--period-ms", "5")
     _, seen = answered(capsys, "inspect", "box.stream")
-    assert seen["numbers"].keys() == made["numbers"].keys()
-    for key, value in made["numbers"].items():
-        if key.startswith(("peak_", "min_", "max_", "rms_")):       # of rows that were rounded to the file's quanta
-            assert key.endswith("_at_s") or seen["numbers"][key] == pytest.approx(value, rel=1e-5, abs=1e-6)
-        else:
-            assert seen["numbers"][key] == value
+    assert seen["numbers"] == made["numbers"]
     assert len(seen["numbers"]["max_tension_n"]) == 8
     _, csv = answered(capsys, "export", box, *PRINTER, *SETS, "--period-ms", "5", "-o", "box.csv")
     _, seen = answered(capsys, "inspect", "box.csv")
-    assert csv["numbers"] == made["numbers"]
-    assert seen["numbers"]["rows"] == made["numbers"]["rows"]
+    assert seen["numbers"] == csv["numbers"]
+    assert csv["numbers"]["max_tension_n"] == pytest.approx(made["numbers"]["max_tension_n"], abs=1e-3)
 
 
 def test_the_answer_goes_to_stdout_and_the_talk_to_stderr(box, capsys):

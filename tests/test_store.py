@@ -56,8 +56,11 @@ def products(draw):
     if kind == "path":
         return store.Laid(dataclasses.replace(ORIGIN, at_mm=(1.0, 2.0)), path)
     nodes = draw(st.integers(2, 5))
-    time, s, x, area = (draw(columns(nodes)) for _ in range(4))
-    motion = Trajectory(smooth(path, 0.05), time, s, x, area, np.arange(nodes), np.array([0, nodes]), np.zeros(3), 0.01)
+    time, s, x = (draw(columns(nodes)) for _ in range(3))
+    motion = Trajectory(
+        path=smooth(path, 0.05), time=time, s=s, x=x, move=np.arange(nodes), pieces=np.array([0, nodes]),
+        to_pose=np.zeros(3), window=0.01,
+    )
     return store.Planned(ORIGIN, path, motion)
 
 

@@ -12,11 +12,11 @@ from cabslice.cli.report import Talk
 @click.command("inspect")
 @click.argument("file")
 @options.placing
-@click.option("--png", metavar="PICTURE", help="Draw path, speed and tensions (of .path, .plan, .stream, .csv).")
+@click.option("--png", metavar="PICTURE", help="Draw path, speed and tensions (.gcode .path .plan .stream .csv).")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @options.talk
 def inspect(file: str, placing: Placing, png: str | None, overwrite: bool, talk: Talk) -> None:
-    """What is in FILE: a mesh, .layers, .path, .plan, .stream or .csv.
+    """What is in FILE: a mesh, .gcode, .layers, .path, .plan, .stream or .csv.
 
     Shows size, layers, filament, print time, and the peaks of speed, acceleration, tension and torque of each cable.
     """

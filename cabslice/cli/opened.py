@@ -26,7 +26,7 @@ class Seen:
 
 def opened(file: str, placing: Placing) -> Seen:
     """Raises ModelError or ProductError."""
-    from cabslice import store
+    from cabslice import pipeline, store
     from cabslice.motors.formats import FORMATS, format_of
 
     path = Path(file)
@@ -34,6 +34,8 @@ def opened(file: str, placing: Placing) -> Seen:
         raise ModelError(f"{file}: there is no such file.", file=file)
     if store.is_product(path) or path.suffix.removeprefix(".") in store.KINDS:
         return _product(path)
+    if path.suffix.lower() in pipeline.GCODE:
+        return _gcode(path)
     format = format_of(path) or next((row for row in FORMATS.values() if row.suffix == path.suffix), None)
     return _stream(path, format) if format else _part(path, placing)
 
@@ -46,6 +48,17 @@ def _part(path: Path, placing: Placing) -> Seen:
     part = place(load_mesh(path, unit=placing.unit, scale=placing.scale), turn_deg=placing.turn, at_mm=placing.at)
     about = {"part": part.name, "sha256": part.sha256, "repairs": part.repairs, "warnings": part.warnings}
     return Seen("part", part.name, about, numbers.of_part(part), "\n".join((*part.repairs, *part.warnings)), _nothing)
+
+
+def _gcode(path: Path) -> Seen:
+    from cabslice.toolpath.gcode_read import read_gcode
+    from cabslice.toolpath.summary import summary
+    from cabslice.view import picture
+
+    reading = read_gcode(path)
+    about = {"warnings": reading.warnings}
+    return Seen("gcode", path.name, about, summary(reading.toolpath), "\n".join(reading.warnings),
+                lambda: picture.curve_of_path(reading.toolpath, path.name))
 
 
 def _product(path: Path) -> Seen:

@@ -28,10 +28,10 @@ NUMBERS: dict[str, tuple[str, Show]] = {   # key of view.numbers: what it is cal
     "rows": ("rows", lambda value: f"{value}"),
 }
 CABLES: dict[str, tuple[str, str]] = {     # per-cable key: head, format
-    "min_tension_n": ("tension from N", ".2f"),
-    "max_tension_n": ("to N", ".2f"),
-    "peak_motor_speed_rad_s": ("motor speed rad/s", ".3f"),
-    "peak_motor_acceleration_rad_s2": ("acceleration rad/s2", ".1f"),
+    "min_tension_n": ("tension N", ".2f"),
+    "max_tension_n": ("to", ".2f"),
+    "peak_motor_speed_rad_s": ("speed rad/s", ".3f"),
+    "peak_motor_acceleration_rad_s2": ("accel. rad/s2", ".1f"),
     "peak_torque_n_m": ("torque N m", ".3f"),
     "rms_torque_n_m": ("rms N m", ".3f"),
 }
