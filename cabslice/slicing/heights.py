@@ -8,6 +8,8 @@ import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
 
+BELOW = 1e-6   # mm: planes lie this far under the middle, so that not rounding decides where faces in the plane belong
+
 
 @dataclass(frozen=True)
 class Heights:
@@ -34,4 +36,5 @@ def layer_heights(part_mm: float, first_mm: float, layer_mm: float) -> Heights:
     height[0] = first_mm
     plane = top - height / 2
     plane[0] = min(plane[0], part_mm / 2)
+    plane -= min(BELOW, plane[0] / 2)
     return Heights(top, height, plane)

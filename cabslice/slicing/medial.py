@@ -21,7 +21,17 @@ from cabslice.slicing.region import following
 
 TURN = np.radians(110.0)  # corners of rectangles (90 deg) end a line
 FAN = np.radians(25.0)    # normals at a re-entrant corner are this far apart
+SPECK = 0.02              # of a step: shorter edges have no direction to speak of
 CHUNK = 20_000            # samples looked at together: bounds memory, not the result
+
+
+@dataclass(frozen=True)
+class Discs:
+    """The largest disc at each sample of the boundary: centre (N, 2) mm, diameter (N,) mm, ring (N,) of the sample."""
+
+    centre: Array
+    diameter: Array
+    ring: Array
 
 
 @dataclass(frozen=True)
@@ -32,23 +42,28 @@ class MedialLines:
     diameter: Array
     starts: Array
     ring: Array
+    discs: Discs
 
 
-def medial_lines(points: Array, starts: Array, *, widest_mm: float, step_mm: float) -> MedialLines:
-    """Medial lines of the region inside rings (points (N, 2), starts (R+1,)), where it is at most widest_mm wide.
+def medial_lines(
+    points: Array, starts: Array, *, narrowest_mm: float, widest_mm: float, step_mm: float
+) -> MedialLines:
+    """Medial lines of the region inside rings (points (N, 2), starts (R+1,)), narrowest_mm to widest_mm wide.
 
     step_mm is the distance of samples; detail below it is lost. The lines stop a radius short of the region's ends.
     """
     place, normal, ring, order = _samples(points, starts, step_mm)
     if not len(place):
-        return MedialLines(np.zeros((0, 2)), np.zeros(0), np.zeros(1, np.int64), np.zeros(0, np.int64))
+        none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
+        nothing = Discs(place, none, index)
+        return MedialLines(place, none, np.zeros(1, dtype=np.int64), index, nothing)
     radius, partner = _largest_discs(place, normal, widest_mm)
     radius = _against_edge(place, normal, radius, partner)
     centre = place + radius[:, None] * normal
     chord = np.linalg.norm(place[partner] - place, axis=1)
     apart = (chord >= 2 * np.sin(TURN / 2) * radius) & ((normal * normal[partner]).sum(1) <= np.cos(TURN))
-    good = (2 * radius <= widest_mm) & apart & (np.arange(len(place)) < partner)
-    return _lines(centre, 2 * radius, ring, order, good, step_mm)
+    good = (2 * radius <= widest_mm) & (2 * radius >= narrowest_mm) & apart & (np.arange(len(place)) < partner)
+    return _lines(Discs(centre, 2 * radius, ring), order, good, step_mm)
 
 
 def _samples(points: Array, starts: Array, step: float) -> tuple[Array, Array, Array, Array]:
@@ -60,7 +75,7 @@ def _samples(points: Array, starts: Array, step: float) -> tuple[Array, Array, A
     angle = np.arctan2(direction[:, 1], direction[:, 0])
     turn = (angle[following(starts)] - angle + np.pi) % (2 * np.pi) - np.pi   # at the end of each edge
     fan = np.where(turn < -FAN / 2, np.ceil(-turn / FAN).astype(np.int64) + 1, 0)
-    inner = np.ceil(length / step).astype(np.int64)
+    inner = np.where(length > SPECK * step, np.ceil(length / step), 0).astype(np.int64)
     each = inner + fan
     edge = np.repeat(np.arange(len(points)), each)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(each) - each, each)
@@ -123,10 +138,11 @@ def _against_edge(place: Array, normal: Array, radius: Array, partner: Array) ->
     return np.where((exact > 0.8 * radius) & (exact < radius), exact, radius)
 
 
-def _lines(centre: Array, diameter: Array, ring: Array, ahead: Array, good: Array, step: float) -> MedialLines:
+def _lines(discs: Discs, ahead: Array, good: Array, step: float) -> MedialLines:
     """Runs of good samples along each ring; a run ends where the centre jumps."""
+    centre, diameter = discs.centre, discs.diameter
     jump = np.linalg.norm(centre[ahead] - centre, axis=1) > np.maximum(4 * step, diameter)
     linked = good & good[ahead] & ~jump & (ahead > np.arange(len(good)))
     keep = np.flatnonzero(good)
     opens = np.flatnonzero(np.concatenate(([True], ~linked[keep[:-1]] | (np.diff(keep) != 1)))[: len(keep)])
-    return MedialLines(centre[keep], diameter[keep], np.append(opens, len(keep)), ring[keep[opens]])
+    return MedialLines(centre[keep], diameter[keep], np.append(opens, len(keep)), discs.ring[keep[opens]], discs)

@@ -24,10 +24,11 @@ from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.region import Region, from_rings, to_polygons
 from cabslice.slicing.sections import cut
 from cabslice.slicing.surfaces import Neighbours, bridge_angle, divide, neighbours
-from cabslice.slicing.thin import strip_area, thin_lines
+from cabslice.slicing.thin import Strips, segment_widths, strip_area, thin_lines
 from cabslice.slicing.walls import Inside, walls
 
 THINNEST = 0.3   # of the nozzle: narrower strips are left out
+NARROWEST = 0.25 # of the nozzle: where strips end in a point, their beads end here
 WIDEST = 2.2     # of the bead: wider strips take two beads
 STEP = 0.35      # of the nozzle: distance of samples along the edge of thin strips
 REACH = 0.5      # of a bead's radius: how far its free ends run on, between beads
@@ -64,7 +65,7 @@ def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Pro
     laid = False
     for near in neighbours(outlines, process.top_layers, process.bottom_layers):
         layer = _layer(near, heights, process, nozzle_mm, pitch)
-        laid = laid or len(layer.beads.role) > 0
+        laid = laid or bool((layer.beads.island >= 0).any())
         yield layer
         if progress is not None:
             progress(near.index + 1, len(heights.top))
@@ -110,7 +111,7 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
         beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
     strips += _fill(beads, inside, near, process, filling, pitch)
-    _lay_strips(beads, strips, height, WIDEST * max(inner, outer), STEP * nozzle)
+    _lay_strips(beads, strips, filling, nozzle, WIDEST * max(inner, outer))
     top = float(heights.top[near.index])
     return Layer(near.index, top, height, to_polygons(near.outline), beads.beads(near.outline))
 
@@ -135,20 +136,21 @@ def _fill(
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips]
 
 
-def _lay_strips(beads: BeadList, strips: list[_Strip], height: float, widest: float, step: float) -> None:
+def _lay_strips(beads: BeadList, strips: list[_Strip], filling: Filling, nozzle: float, widest: float) -> None:
     """One bead along each strip. Between beads it holds the strip's volume; on the outline it has the strip's width."""
     strips = [strip for strip in strips if not strip.region.is_empty()]
-    reach = [REACH_OUTER if strip.outer else REACH for strip in strips]
-    lines = thin_lines([strip.region for strip in strips], reach, widest_mm=widest, step_mm=step)
+    kinds = {True: (REACH_OUTER, filling.thinnest_mm**2), False: (REACH, (filling.width_mm / 2) ** 2)}
+    lines = thin_lines(
+        [Strips(strip.region, *kinds[strip.outer]) for strip in strips],
+        narrowest_mm=NARROWEST * nozzle, widest_mm=widest, step_mm=STEP * nozzle,
+    )
     for k, strip in enumerate(strips):
         points, starts, diameter, closed = lines.of_group(k)
         if not len(points):
             continue
-        if strip.outer:
-            width = diameter
-        else:
+        width = segment_widths(diameter, starts, closed)
+        if not strip.outer:
             held = strip_area(points, starts, diameter, closed)
-            factor = np.clip(strip.region.area() / held, 1 - THIN_CORRECTION, 1 + THIN_CORRECTION) if held else 1.0
-            width = bead_width(diameter * factor, height)
+            factor = np.clip(strip.region.area() / held, 1 - THIN_CORRECTION, 1 + THIN_CORRECTION)
+            width = bead_width(width * factor, filling.height_mm)
         beads.add(points, starts, width, strip.role, closed)
-

@@ -15,8 +15,12 @@ from cabslice.slicing.medial import MedialLines, medial_lines
 from cabslice.slicing.region import Region, following, to_rings
 
 JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
-DOT = 0.3        # of d: a shorter line is a dot
+DOT = 0.3        # of d: a shorter line is none
+SPOT = 0.6       # of the largest disc of a strip: smaller discs are its corners
+FULL = 0.6       # of a strip's area: where lines cover less, dots are added
 DETAIL = 0.06    # of d: what place and width may be off where points are left out
+STEP = 0.2       # of d: how much wider one segment may be than the last
+MOST_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -46,13 +50,26 @@ def strip_area(points: Array, starts: Array, diameter: Array, closed: Array) -> 
     return float((length * (diameter + diameter[ahead]) / 2)[segment].sum())
 
 
-def thin_lines(regions: list[Region], reach: Sequence[float], *, widest_mm: float, step_mm: float) -> ThinLines:
-    """One line along each thin strip of the regions, at most widest_mm wide; regions do not see each other.
+@dataclass(frozen=True)
+class Strips:
+    """Thin regions of one kind.
 
-    The disc at a free end leaves the strip's corners empty: the line runs on by `reach` of its radius, one number per
-    region. Branches that meet are joined, a spot too small for a line becomes a dot: a line of half its size.
+    reach: how far lines run on at free ends, of the radius there; the disc at an end leaves the strip's corners empty.
+    least_mm2: a line that would cover less is left out.
     """
-    rings = [to_rings(region) for region in regions]
+
+    region: Region
+    reach: float
+    least_mm2: float
+
+
+def thin_lines(strips: Sequence[Strips], *, narrowest_mm: float, widest_mm: float, step_mm: float) -> ThinLines:
+    """One line along each thin strip, narrowest_mm to widest_mm wide; the groups do not see each other.
+
+    Branches that meet are joined, a spot too round for a line becomes a dot. step_mm is the distance at which the edge
+    is looked at.
+    """
+    rings = [to_rings(strip.region) for strip in strips]
     sizes = [np.diff(starts) for _, starts in rings]
     group = np.repeat(np.arange(len(rings)), [len(size) for size in sizes])
     if not len(group):
@@ -60,12 +77,13 @@ def thin_lines(regions: list[Region], reach: Sequence[float], *, widest_mm: floa
     starts = np.concatenate(([0], np.cumsum(np.concatenate(sizes))))
     points = np.concatenate([ring for ring, _ in rings])
     apart = np.ptp(points[:, 0]) + 4 * widest_mm
-    shift = np.repeat(group * apart, np.diff(starts))   # regions side by side, so that one pass does them all
-    found = medial_lines(points + np.stack((shift, 0 * shift), 1), starts, widest_mm=widest_mm, step_mm=step_mm)
-    lines = _joined(found, np.asarray(reach)[group])
-    lined = np.array([line.ring for line in lines], dtype=np.int64)
-    lines += _dots(points + np.stack((shift, 0 * shift), 1), starts, lined, widest_mm)
-    return _columns(lines, group, apart)
+    shift = np.repeat(group * apart, np.diff(starts))   # groups side by side, so that one pass does them all
+    points = points + np.stack((shift, 0 * shift), 1)
+    found = medial_lines(points, starts, narrowest_mm=narrowest_mm, widest_mm=widest_mm, step_mm=step_mm)
+    lines = _joined(found, np.array([strip.reach for strip in strips])[group])
+    lines += _spots(found, lines, points, starts, widest_mm)
+    least = np.array([strip.least_mm2 for strip in strips])[group]
+    return _columns([line for line in lines if line.area >= least[line.ring]], group, apart)
 
 
 @dataclass
@@ -74,6 +92,12 @@ class _Line:
     diameter: Array
     closed: bool
     ring: int
+
+    @property
+    def area(self) -> float:
+        """mm^2, without the round ends."""
+        length = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return float((length * (self.diameter[1:] + self.diameter[:-1]) / 2).sum())
 
 
 def _joined(found: MedialLines, reach: Array) -> list[_Line]:
@@ -184,22 +208,43 @@ def _distance(p: Array, a: Array, b: Array) -> Array:
     return np.linalg.norm(p - a - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
-def _dots(points: Array, starts: Array, lined: Array, widest: float) -> list[_Line]:
-    """A short line along the longer axis of every outline that has no line and is no bigger than a dot."""
-    dots = []
-    for ring in np.setdiff1d(np.arange(len(starts) - 1), lined):
-        loop = points[starts[ring] : starts[ring + 1]]
-        ahead = np.roll(loop, -1, axis=0)
-        area = (loop[:, 0] * ahead[:, 1] - ahead[:, 0] * loop[:, 1]).sum() / 2
-        middle = (loop.min(0) + loop.max(0)) / 2
-        if area <= 0:
-            continue
-        size = np.ptp(loop, axis=0)
-        width = min(float(np.sqrt(area)), float(size.min()), widest)
-        axis = np.array([1.0, 0.0]) if size[0] >= size[1] else np.array([0.0, 1.0])
-        half = area / width / 4
-        dots.append(_Line(np.array([middle - half * axis, middle + half * axis]), np.full(2, width), False, int(ring)))
-    return dots
+def _spots(found: MedialLines, lines: list[_Line], points: Array, starts: Array, widest: float) -> list[_Line]:
+    """Dots where a ring's lines leave much of it empty: at the largest discs whose middle nothing has reached yet.
+
+    A dot is a line half as long as it is wide.
+    """
+    held = np.zeros(len(starts) - 1)
+    for line in lines:
+        held[line.ring] += line.area
+    ahead = points[following(starts)]
+    twice = np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1])
+    spots = []
+    for ring in np.flatnonzero((twice > 0) & (held < FULL * twice / 2)):
+        mine = (found.discs.ring == ring) & (found.discs.diameter <= widest)
+        centre, diameter = found.discs.centre[mine], found.discs.diameter[mine]
+        reached = [(line.points, line.diameter) for line in lines if line.ring == ring]
+        free = np.ones(len(centre), dtype=bool)
+        for places, wide in reached:
+            free &= ~_within(centre, places, wide)
+        while free.any():
+            best = int(np.argmax(np.where(free, diameter, -1.0)))
+            if diameter[best] < SPOT * diameter.max():
+                break
+            ends = centre[best] + diameter[best] / 4 * np.array([[-1.0, 0.0], [1.0, 0.0]])
+            spots.append(_Line(ends, np.full(2, diameter[best]), False, int(ring)))
+            free &= np.linalg.norm(centre - centre[best], axis=1) > (diameter + diameter[best]) / 2
+    return spots
+
+
+def _within(query: Array, places: Array, wide: Array) -> Array:
+    """(Q,) bool: query points (Q, 2) inside a disc at one of the places (P, 2), or between two of them."""
+    if len(places) > 1:
+        cuts = np.maximum(2, np.ceil(np.linalg.norm(np.diff(places, axis=0), axis=1) / (wide.min() / 2)).astype(int))
+        share = np.concatenate([k + np.arange(n) / n for k, n in enumerate(cuts)] + [[len(places) - 1]])
+        every = np.arange(len(places))
+        places = np.stack([np.interp(share, every, places[:, axis]) for axis in (0, 1)], axis=1)
+        wide = np.interp(share, every, wide)
+    return (np.linalg.norm(query[:, None] - places, axis=2) <= wide / 2).any(1)
 
 
 def _columns(lines: list[_Line], group: Array, apart: float) -> ThinLines:
@@ -214,4 +259,27 @@ def _columns(lines: list[_Line], group: Array, apart: float) -> ThinLines:
     starts = np.cumsum([0, *sizes])
     kept = thin_out(np.column_stack((points, diameter)), starts, DETAIL * np.minimum.reduceat(diameter, starts[:-1]))
     starts = np.concatenate(([0], np.cumsum(np.add.reduceat(kept, starts[:-1], dtype=np.int64))))
-    return ThinLines(points[kept], diameter[kept], starts, np.array([line.closed for line in lines]), of_line)
+    points, diameter, starts = _even_steps(points[kept], diameter[kept], starts)
+    return ThinLines(points, diameter, starts, np.array([line.closed for line in lines]), of_line)
+
+
+def _even_steps(points: Array, diameter: Array, starts: Array) -> tuple[Array, Array, Array]:
+    """Segments cut so that along none the diameter changes by more than STEP of itself: a segment has one width."""
+    change = np.abs(np.diff(diameter, prepend=diameter[0])) / diameter
+    pieces = np.clip(np.ceil(change / STEP), 1, MOST_STEPS).astype(np.int64)
+    pieces[starts[:-1]] = 1
+    point = np.repeat(np.arange(len(points)), pieces)
+    share = (np.arange(len(point)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1) / pieces[point]
+    before = np.maximum(point - 1, 0)
+    cut = points[before] + share[:, None] * (points[point] - points[before])
+    wide = diameter[before] + share * (diameter[point] - diameter[before])
+    first = pieces[point] == 1
+    cut[first], wide[first] = points[point[first]], diameter[point[first]]
+    return cut, wide, np.concatenate(([0], np.cumsum(np.add.reduceat(pieces, starts[:-1]))))
+
+
+def segment_widths(diameter: Array, starts: Array, closed: Array) -> Array:
+    """(M,) mean diameter of the segment into each point; the first point of an open line has its own."""
+    before = np.concatenate((diameter[:1], diameter[:-1]))
+    before[starts[:-1]] = np.where(closed, diameter[starts[1:] - 1], diameter[starts[:-1]])
+    return (before + diameter) / 2

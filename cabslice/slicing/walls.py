@@ -89,4 +89,4 @@ def thin_parts(room: Region, covered: Region, thinnest: float) -> Region:
     left = difference(room, covered)
     if left.area() < thinnest**2:
         return Region()
-    return opening(left, thinnest / 2)
+    return opening(left, thinnest / 2).simplify(thinnest / 60)   # without edges too short to have a direction
