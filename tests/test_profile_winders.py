@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from profile_cases import WINDER, faults_of, printer_toml, write
+from profile_cases import MOTOR, WINDER, faults_of, printer_toml, write
 
 from cabslice.profile import shelf
 from cabslice.robot import winder
@@ -62,3 +62,70 @@ def test_what_a_winder_cannot_be_is_told_once(tmp_path, text, key, words):
     assert len(faults) == 1, faults
     assert faults[0].split(":")[0].split(" (")[0] == f"cables.winder.{key}"
     assert words in faults[0]
+
+
+# ---- one kind or another
+
+@pytest.mark.parametrize("text", [SPIRAL, DRUM, SPOOL], ids=["spiral", "drum", "spool"])
+def test_a_child_may_have_another_kind_of_winder(tmp_path, text):
+    """What the parent said of its own kind goes, as if the child had said it all alone."""
+    write(tmp_path, printer_toml(), "parent.toml")
+    own = f'inherits = "parent"\n[cables.winder]\n{text}'
+    alone = shelf.load_printer(write(tmp_path, printer_toml(winder=text), "alone.toml"))
+    made = shelf.load_printer(write(tmp_path, own))
+    kept = {"centre_mm"}                   # a spool may have it, so the parent's stays
+    assert made.cable[0].winder.model_dump(exclude=kept) == alone.cable[0].winder.model_dump(exclude=kept)
+    back = f'inherits = "mine"\n[cables.winder]\nkind = "radial"\ngear_ratio = 1\nmechanical_advantage = 1\n{WINDER}'
+    parent = shelf.load_printer(tmp_path / "parent.toml")
+    assert shelf.load_printer(write(tmp_path, back, "back.toml")).cable == parent.cable
+
+
+def test_a_key_of_another_kind_is_named_with_its_kind(tmp_path):
+    faults = faults_of(write(tmp_path, printer_toml(winder=WINDER + "pitch_mm = 1\nlines_per_spool = 2\n")))
+    assert [fault.split(" (")[0] for fault in faults] == ["cables.winder.pitch_mm", "cables.winder.lines_per_spool"]
+    assert faults[0].endswith('a winder of kind "radial" has no such key; it belongs to kind drum')
+    faults = faults_of("cabfab-optim", sets=("cables.winder.pitch_mm=1",))
+    assert "(--set)" in faults[0]
+
+
+def test_a_gear_turns_the_layers_slower(tmp_path):
+    """Angles are the motor's: with a gear of 3 a ramp may take 3 x 360 deg, and a layer comes every 3 turns."""
+    geared = WINDER.replace("ramp_end_deg = 110.0", "ramp_end_deg = 900.0") + "gear_ratio = 3\n"
+    made = robot(tmp_path, geared)
+    np.testing.assert_allclose(made.winders.span[:, 1], np.radians(100 + 4 * 3 * 360))
+    (fault,) = faults_of(write(tmp_path, printer_toml(winder=geared.replace("900.0\n", "1181.0\n", 1))))
+    assert "a ramp of at most one turn, up to 1180" in fault
+    (fault, *_) = faults_of(write(tmp_path, printer_toml(winder=WINDER + "gear_ratio = 0\n")))
+    assert "a number > 0" in fault
+
+
+def test_a_line_from_spool_to_anchor_stretches_with_the_strands(tmp_path):
+    """Constant line: nothing changes at one tension; more tension takes in the stretch of the line too."""
+    plain, long = robot(tmp_path, SPOOL), robot(tmp_path, SPOOL + "line_mm = 1500.0\n")
+    poses = np.random.default_rng(3).uniform(-150, 150, (20, 6)) * [1, 1, 1, 0, 0, 0]
+    cable, tension = lengths(plain, poses), np.full((20, 8), 30.0)
+    angle = winder.motor_angles(long, cable, tension)
+    np.testing.assert_allclose(angle, winder.motor_angles(plain, cable, tension), rtol=0, atol=1e-9)
+    pulled = winder.motor_angles(long, cable, tension + 20)
+    taken = winder.wound(long.winders, pulled) - winder.wound(long.winders, angle)
+    strain = 20 / long.axial_stiffness
+    np.testing.assert_allclose(taken, strain * (2 * cable + 1500), rtol=2e-3)
+
+
+def test_a_full_drum_keeps_clear_of_its_pulley(tmp_path):
+    """A spiral is judged by its radius at the fullest: 60 mm and 20 turns of 1 mm."""
+    near = SPIRAL.replace("centre_mm = [0, 0, 900]", "centre_mm = [500, 500, 578]")
+    (fault,) = faults_of(write(tmp_path, printer_toml(winder=near)))
+    assert "full disc (radius 80 mm) clear of its pulley" in fault
+    shelf.load_printer(write(tmp_path, printer_toml(winder=near.replace("578", "582"))))
+
+
+def test_winder_and_motor_go_together(tmp_path):
+    text = printer_toml().replace("[cables.winder]\n" + WINDER, "")
+    (fault,) = faults_of(write(tmp_path, text))
+    assert fault.startswith("cables.winder: missing; expected a table with first_radius_mm")
+    still = text.replace("[cables.motor]\n", "").replace(MOTOR, "")
+    made = robot_from_printer(shelf.load_printer(write(tmp_path, still)))
+    assert made.winders is None
+    faults = faults_of(write(tmp_path, still + f"[cable.winder]\n{WINDER}\n[cable.motor]\n{MOTOR}"))
+    assert [fault.split(":")[0] for fault in faults] == [f"cable.{index}.winder" for index in range(1, 8)]

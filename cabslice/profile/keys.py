@@ -14,10 +14,12 @@ _MODELS = {"printers": "printer.Printer", "materials": "material.Material", "pro
 _UNITS = {  # longest suffix first
     "_kg_mm2": "kg mm^2", "_mm3_s": "mm^3/s", "_mm_s2": "mm/s^2", "_g_cm3": "g/cm^3", "_per_kg": "per kg",
     "_rad_s": "rad/s", "_mm_s": "mm/s", "_n_m": "N m",
-    "_gpa": "GPa", "_deg": "deg", "_mm": "mm", "_kg": "kg", "_ms": "ms", "_n": "N", "_c": "degC",
+    "_gpa": "GPa", "_deg": "deg", "_n_s": "N s", "_mm": "mm", "_kg": "kg", "_ms": "ms", "_hz": "Hz", "_n": "N",
+    "_c": "degC", "_s": "s",
 }
 _BOUNDS = (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
 _NOUNS = {"number": "a number", "integer": "a whole number", "string": "a text", "object": "a table"}
+_LEAST = {1: "one", 2: "two"}
 _PLURALS = {"number": "numbers", "integer": "whole numbers", "string": "texts"}
 
 
@@ -33,6 +35,7 @@ class Key:
     required: bool
     table: bool                            # a [table] (or list of tables) with keys of its own
     description: str
+    seldom: bool = False                   # a table that few files have
 
     @property
     def dotted(self) -> str:
@@ -73,7 +76,7 @@ def _walk(schema: Mapping[str, Any], tables: Mapping[str, Any], prefix: tuple[st
         description = declared.get("description") or one.get("description", "")
         required = (name in schema.get("required", ()) and "default" not in declared) or "needed" in declared
         yield Key(path, _type(one), "" if inner else _unit(path), _bound(one), declared.get("default"), required,
-                  inner is not None, " ".join(description.split()))
+                  inner is not None, " ".join(description.split()), "seldom" in declared)
         if inner:
             yield from _walk(inner, tables, path)
 
@@ -104,7 +107,7 @@ def _type(schema: Mapping[str, Any]) -> str:
 def _list_type(schema: Mapping[str, Any]) -> str:
     low, high, items = schema.get("minItems", 0), schema.get("maxItems"), schema["items"]
     what = _type(items) if "enum" in items else _PLURALS[items["type"]]
-    count = f"{low} " if low == high else "one or more " if low else ""
+    count = f"{low} " if low == high else f"{_LEAST[low]} or more " if low else ""
     return f"a list of {count}{what}"
 
 

@@ -30,7 +30,11 @@ class Platform(Table):
     mass_kg: float = Field(gt=0, le=1e5, description="everything that moves: platform, head, hose share")
     inertia_kg_mm2: list[Positive] = Field(
         min_length=3, max_length=3,
-        description="principal inertia about the centre of mass, platform axes",
+        description="inertia xx, yy, zz about the centre of mass, platform axes",
+    )
+    inertia_products_kg_mm2: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        description="elements xy, xz, yz of the inertia matrix beside them",
     )
     centre_of_mass_mm: Vector = Field(default=[0.0, 0.0, 0.0], description="in the platform frame")
     home_mm: Vector = Field(
@@ -107,7 +111,7 @@ class Pulley(Table):
 
 
 class Winder(Table):
-    """The disc, drum or spool that takes the cable in. Which keys a kind needs is in `checks`."""
+    """The disc, drum or spool that takes the cable in; the words before a colon are the kinds that have the key."""
 
     kind: Literal["radial", "spiral", "drum", "spool"] = Field(
         default="radial",
@@ -147,7 +151,10 @@ class Winder(Table):
         default=None, ge=0, le=100,
         description="spool: radius squared gained per mm of line (M666 Q of a Hangprinter)",
     )
-    lines_per_spool: int = Field(default=1, ge=1, le=100, description="spool: lines wound on it side by side")
+    lines_per_spool: int | None = Field(
+        default=None, ge=1, le=100,
+        description="spool: lines wound on it side by side; absent: 1",
+    )
     gear_ratio: float = Field(default=1.0, gt=0, le=10000, description="motor turns per turn of disc, drum or spool")
     mechanical_advantage: int = Field(
         default=1, ge=1, le=100,
@@ -160,7 +167,11 @@ class Winder(Table):
     home_angle_deg: float = Field(description="multi-turn motor angle with the platform at home")
     centre_mm: Vector | None = Field(
         default=None, json_schema_extra=BY_DEFAULT,
-        description="centre of the disc in the machine frame; absent (spool): the line to the pulley is constant",
+        description="centre of the disc in the machine frame; absent (spool): the line to the pulley is line_mm long",
+    )
+    line_mm: float | None = Field(
+        default=None, ge=0, le=1e5,
+        description="spool without centre_mm: constant length of line from spool to anchor; absent: 0",
     )
     routing: Literal["open", "crossed"] = Field(
         default="open",
@@ -178,20 +189,69 @@ class Motor(Table):
     friction_n_m: float = Field(default=0.0, ge=0, le=1000, description="Coulomb friction at the shaft")
 
 
+class ModulusByTension(Table):
+    """The modulus at other tensions than the one modulus_gpa was taken at."""
+
+    tension_n: list[NotNegative] = Field(min_length=2, description="of one strand, rising")
+    modulus_gpa: list[Positive] = Field(min_length=2, description="there; straight between, constant beyond the ends")
+
+
+class ModulusByFrequency(Table):
+    """The modulus at other frequencies than the one modulus_gpa was taken at."""
+
+    frequency_hz: list[Positive] = Field(min_length=2, description="of the vibration, rising")
+    modulus_gpa: list[Positive] = Field(
+        min_length=2,
+        description="there; straight over the logarithm between, constant beyond the ends",
+    )
+
+
+class Damping(Table):
+    """Kelvin-Voigt damping: a cable of rest length l0 damps with c = damping_n_s / l0."""
+
+    frequency_hz: list[Positive] = Field(min_length=1, description="of the vibration, rising")
+    damping_n_s: list[NotNegative] = Field(
+        min_length=1,
+        description="there, viscosity times section: N per 1/s of strain; a power law between, constant beyond",
+    )
+
+
+class Creep(Table):
+    """Tension lost by a tensioned cable that is left alone, growing with the logarithm of time."""
+
+    loss: float = Field(ge=0, lt=1, description="share of the tension lost after after_s")
+    after_s: float = Field(gt=0, le=1e9, description="time since tensioning that loss was measured at")
+    onset_s: float = Field(gt=0, le=1e9, description="time up to which the loss grows in proportion to time")
+
+
+SELDOM: Any = {"seldom": True}            # a table that starter files keep as a comment
+
+
 class Cable(Table):
     """One cable, after the keys shared by all cables were filled in from [cables]."""
 
     anchor_mm: Vector = Field(description="where the cable enters its pulley (or its eyelet), machine frame")
     attachment_mm: Vector = Field(description="on the platform, platform frame")
-    diameter_mm: float = Field(gt=0, le=100, description="also the solid core: E A is taken on the full circle")
-    modulus_gpa: float = Field(gt=0, le=1000, description="Young's modulus of the cable on its full circle")
+    diameter_mm: float = Field(ge=0, le=100, description="of the skin; 0: a line without thickness")
+    modulus_gpa: float | None = Field(
+        default=None, gt=0, le=1000, json_schema_extra=BY_DEFAULT,
+        description="Young's modulus of the cable on its full circle",
+    )
+    axial_stiffness_n: float | None = Field(
+        default=None, gt=0, le=1e10,
+        description="instead of modulus_gpa: force per unit strain of one strand",
+    )
     min_tension_n: float = Field(ge=0, le=1e6, description="below it the cable may go slack")
     max_tension_n: float = Field(gt=0, le=1e6, description="what cable, platform and motor bear")
     reference_tension_n: float = Field(gt=0, le=1e6, description="level the tensions are kept near")
     clearance_mm: float = Field(ge=0, le=1000, description="air wanted between the cable's skin and anything else")
     pulley: Pulley = Pulley()
-    winder: Winder
-    motor: Motor
+    winder: Winder | None = None
+    motor: Motor | None = None
+    modulus_by_tension: ModulusByTension | None = Field(default=None, json_schema_extra=SELDOM)
+    modulus_by_frequency: ModulusByFrequency | None = Field(default=None, json_schema_extra=SELDOM)
+    damping: Damping | None = Field(default=None, json_schema_extra=SELDOM)
+    creep: Creep | None = Field(default=None, json_schema_extra=SELDOM)
 
 
 class Defaults(Table):
@@ -213,6 +273,10 @@ class Printer(Table):
     freedoms: list[Freedom] = Field(
         default=["x", "y", "z", "rx", "ry", "rz"], min_length=1, max_length=6,
         description="what the cables hold",
+    )
+    gravity_mm_s2: float = Field(
+        default=9806.65, ge=0, le=1e5,
+        description="downwards; 0: the machine lies flat, or is not meant to feel its weight",
     )
     platform: Platform
     nozzle: Nozzle | None = None

@@ -2,7 +2,8 @@
 
 A profile is a chain of files, parent first, each laid over what came before: tables merge key by key, lists are
 replaced, [[cable]] blocks merge by position. Within one file, [cables] goes under each of its [[cable]] blocks. Then
-come the `--set` options. Nothing is judged here except what cannot be merged; `faults` and `checks` do that.
+come the `--set` options. A winder of another kind, or another way to say how stiff a cable is, replaces what earlier
+files said of it. Nothing is judged here except what cannot be merged; `faults` and `checks` do that.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from typing import Any
 
 from cabslice.errors import ProfileError, UsageError
 from cabslice.profile.toml import Place, literal
+from cabslice.profile.winders import foreign
 
 SET = "--set"
 NOT_INHERITED = ("name", "description", "inherits")
+STIFFNESS = (("modulus_gpa", "modulus_by_tension", "modulus_by_frequency"), ("axial_stiffness_n",))   # one or the other
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ def merge(chain: Sequence[Sheet], sets: Sequence[str] = (), *, cables: bool = Tr
     draft.values.setdefault("name", Path(draft.label).stem)
     for option in sets:
         _set(draft, *parse_set(option))
+    for index in range(len(draft.values.get("cable", [])) if cables else 0):
+        _replaced(draft, ("cable", index))
     return draft
 
 
@@ -142,6 +147,45 @@ def _overlay(draft: Draft, target: dict[str, Any], place: Place, source: Mapping
         else:
             target[key] = value
             draft.origins[here] = written
+
+
+def _replaced(draft: Draft, cable: Place) -> None:
+    """Forget what a later file replaced without naming it: keys of another kind of winder, the other stiffness."""
+    winder = (*cable, "winder")
+    table = _at(draft, winder)
+    for key, _ in list(foreign(table)):
+        if _said(draft, (*winder, key)) < _said(draft, (*winder, "kind")):
+            _forget(draft, (*winder, key))
+    one, other = ([(*cable, key) for key in keys] for keys in STIFFNESS)
+    for old, new in ((one, other), (other, one)):
+        latest = max(_said(draft, place) for place in new)
+        for place in old:
+            if 0 <= _said(draft, place) < latest:
+                _forget(draft, place)
+
+
+def _at(draft: Draft, place: Place) -> Any:
+    """The value at a place; None where there is none."""
+    value: Any = draft.values
+    for part in place:
+        if isinstance(part, int):
+            value = value[part]
+        else:
+            value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def _said(draft: Draft, place: Place) -> int:
+    """How late in the chain a value, or any value of a table, was written: 0 the furthest parent; -1 nowhere."""
+    order = [*draft.texts, SET]
+    length = len(place)
+    return max((order.index(found.label) for at, found in draft.origins.items() if at[:length] == place), default=-1)
+
+
+def _forget(draft: Draft, place: Place) -> None:
+    _at(draft, place[:-1]).pop(place[-1], None)
+    for leaf in [leaf for leaf in draft.origins if leaf[:len(place)] == place]:
+        del draft.origins[leaf]
 
 
 def parse_set(option: str) -> tuple[tuple[str, ...], Any]:

@@ -132,13 +132,19 @@ def _cable_sections(known: list[Key], values: Mapping[str, Any]) -> list[str]:
         if len(table.path) == 1:
             words = "what all cables share; a key may as well stand in each [[cable]]"
         shared = {"cable": values.get("cables", {})}
-        lines += ["", f"[{header}]    # {words}"]
+        absent = len(table.path) > 1 and (bool(values) or table.seldom) and not _has(values, table.path[1:])
+        lines += ["", f"{'# ' if absent else ''}[{header}]    # {words}"]
         within = [key for key in known if key.path[:-1] == table.path and not key.table and key not in own]
         lines += [_line(key, shared) for key in within]
     for cable in values.get("cable", [{}]):
         lines += ["", "[[cable]]" + ("" if values else "    # one block for each cable")]
         lines += [_line(key, {"cable": cable}, ".".join(key.path[1:])) for key in own]
     return lines
+
+
+def _has(values: Mapping[str, Any], path: tuple[str, ...]) -> bool:
+    """Whether any cable has this table."""
+    return any(_lookup(one, path) is not None for one in (values.get("cables"), *values.get("cable", [])))
 
 
 def _is_own(key: Key, values: Mapping[str, Any]) -> bool:

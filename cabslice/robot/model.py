@@ -38,6 +38,10 @@ def _unknown() -> Array:
     return np.array(np.nan)
 
 
+def _earth() -> Array:
+    return GRAVITY
+
+
 @dataclass(frozen=True)
 class WinderColumns:
     """Winders of all cables as columns (see robot.winder for the maths).
@@ -53,7 +57,7 @@ class WinderColumns:
     ramp_start: Array     # (m,) rad of the spool (the motor, without gear), where layer 0 begins to climb
     ramp_end: Array       # (m,) rad of the spool, where layer 1 is reached
     home_angle: Array     # (m,) rad, multi-turn motor angle at the home pose
-    centre: Array         # (m, 3) mm, machine frame; nan: not known, the line to the pulley counts as constant
+    centre: Array         # (m, 3) mm, machine frame; nan: not known, the line to the pulley is `line` long
     crossed: Array        # (m,) bool: crossed common tangent; else open
     max_speed: Array      # (m,) rad/s
     continuous_torque: Array   # (m,) N mm
@@ -65,6 +69,7 @@ class WinderColumns:
     axial: Array = field(default_factory=_zero)     # (m,) mm/rad of the spool, signed travel of a helical drum's exit
     gear: Array = field(default_factory=_one)       # (m,) motor turns per spool turn
     advantage: Array = field(default_factory=_one)  # (m,) strands between frame and platform, all on this winder
+    line: Array = field(default_factory=_zero)      # (m,) mm, constant line to the pulley where `centre` is nan
     span: Array = field(default_factory=_unknown)   # (m, 2) rad, motor angles it is known for; nan: to its last layer
 
     def __post_init__(self) -> None:
@@ -74,7 +79,7 @@ class WinderColumns:
         columns["radii"] = shape.column("radii", self.radii, "m n")
         columns["centre"] = shape.column("centre", self.centre, "m 3", finite=False)
         columns["crossed"] = shape.column("crossed", self.crossed, "m", np.bool_)
-        for name in ("slope", "axial", "gear", "advantage"):
+        for name in ("slope", "axial", "gear", "advantage", "line"):
             value = np.asarray(getattr(self, name))
             columns[name] = shape.column(name, value if value.ndim else np.full(len(self.radii), value), "m")
         set_columns(self, **columns)
@@ -132,6 +137,7 @@ class Robot:
     nozzle: Array | None = None      # (3,) mm, nozzle tip in the platform frame
     bed_origin: Array | None = None  # (3,) mm, middle of the bed in the machine frame
     bed_size: Array | None = None    # (2,) mm
+    gravity: Array = field(default_factory=_earth)   # (3,) mm/s^2, machine frame
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -145,6 +151,7 @@ class Robot:
         columns["centre_of_mass"] = shape.column("centre_of_mass", self.centre_of_mass, "3")
         columns["home"] = shape.column("home", self.home, "6")
         columns["freedoms"] = shape.column("freedoms", self.freedoms, "6", np.bool_)
+        columns["gravity"] = shape.column("gravity", self.gravity, "3")
         for name, size in (("nozzle", "3"), ("bed_origin", "3"), ("bed_size", "2")):
             if getattr(self, name) is not None:
                 columns[name] = shape.column(name, getattr(self, name), size)
@@ -163,29 +170,44 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
     cables = printer.cable
     diameter = np.array([cable.diameter_mm for cable in cables])
     groove = np.array([cable.pulley.groove_radius_mm for cable in cables])
-    strands = np.array([cable.winder.mechanical_advantage for cable in cables])
     return Robot(
         anchors=np.array([cable.anchor_mm for cable in cables]),
         attachments=np.array([cable.attachment_mm for cable in cables]),
         pulley_axes=np.array([cable.pulley.axis for cable in cables]),
         pulley_radii=np.where(groove > 0, groove + diameter / 2, 0.0) * pulleys,
-        axial_stiffness=strands * np.array([cable.modulus_gpa for cable in cables]) * 1e3 * np.pi / 4 * diameter**2,
+        axial_stiffness=np.array([_strand_stiffness(cable) * _strands(cable) for cable in cables]),
         cable_radii=diameter / 2,
         clearance=np.array([cable.clearance_mm for cable in cables]),
         tension_min=np.array([cable.min_tension_n for cable in cables]),
         tension_max=np.array([cable.max_tension_n for cable in cables]),
         tension_reference=np.array([cable.reference_tension_n for cable in cables]),
         mass=printer.platform.mass_kg,
-        inertia=np.diag(printer.platform.inertia_kg_mm2),
+        inertia=_inertia(printer.platform),
         centre_of_mass=np.array(printer.platform.centre_of_mass_mm),
         home=np.array([*printer.platform.home_mm, 0.0, 0.0, 0.0]),
         freedoms=np.array([freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")]),
-        winders=_winders(cables),
+        winders=_winders(cables) if all(cable.winder for cable in cables) else None,
         nozzle=np.array(printer.nozzle.offset_mm) if printer.nozzle else None,
         bed_origin=np.array([*printer.bed.centre_mm, printer.bed.z_mm]) if printer.bed else None,
         bed_size=np.array(printer.bed.size_mm) if printer.bed else None,
+        gravity=np.array([0.0, 0.0, -printer.gravity_mm_s2]),
         name=printer.name,
     )
+
+
+def _strand_stiffness(cable: Any) -> float:
+    """N per unit strain of one strand: as given, else the modulus on the full circle."""
+    given = cable.axial_stiffness_n
+    return float(cable.modulus_gpa * 1e3 * np.pi / 4 * cable.diameter_mm**2 if given is None else given)
+
+
+def _strands(cable: Any) -> int:
+    return cable.winder.mechanical_advantage if cable.winder else 1
+
+
+def _inertia(platform: Any) -> Array:
+    xy, xz, yz = platform.inertia_products_kg_mm2
+    return np.diag(platform.inertia_kg_mm2) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
 
 def _winders(cables: Any) -> WinderColumns:
@@ -210,6 +232,7 @@ def _winders(cables: Any) -> WinderColumns:
         axial=np.array([winder.pitch_mm if winder.kind == "drum" else 0.0 for winder in winders]) / (2 * np.pi),
         gear=gear,
         advantage=np.array([winder.mechanical_advantage for winder in winders], float),
+        line=np.array([winder.line_mm or 0.0 for winder in winders]),
         span=np.array([_span(winder) for winder in winders]),
     )
 
@@ -223,7 +246,7 @@ def _slope(winder: Any) -> float:
     """mm per rad of the spool. A spool's r^2 grows by the factor per mm of line: dr/dphi = factor lines / 2."""
     if winder.kind == "spiral":
         return float(winder.radius_per_turn_mm / (2 * np.pi))
-    return float(winder.buildup_factor_mm * winder.lines_per_spool / 2) if winder.kind == "spool" else 0.0
+    return float(winder.buildup_factor_mm * (winder.lines_per_spool or 1) / 2) if winder.kind == "spool" else 0.0
 
 
 def _span(winder: Any) -> tuple[float, float]:

@@ -24,7 +24,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import PoseError
 from cabslice.robot.kinematics import cables
-from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.pulley import CableLines
 from cabslice.robot.rotation import cross, matrix
 from cabslice.robot.tension import Tensions, nearest
@@ -105,7 +105,7 @@ def stiffness(
 def gravity_stiffness(robot: Robot, poses: Array) -> Array:
     """Stiffness (K, 6, 6) N mm/rad of the weight hanging off the platform origin; zero for a centre of mass there."""
     lever = matrix(np.asarray(poses, dtype=float)[:, 3:]) @ robot.centre_of_mass
-    weight = NEWTON * robot.mass * GRAVITY
+    weight = NEWTON * robot.mass * robot.gravity
     out = np.zeros((len(lever), 6, 6))
     out[:, 3:, 3:] = (lever @ weight)[:, None, None] * np.eye(3) - lever[:, :, None] * weight
     return out

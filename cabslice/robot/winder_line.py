@@ -40,7 +40,7 @@ class WinderLine:
 def line_to_pulley(robot: Robot, radius: Array) -> Array:
     """Length (K, m) mm from winder to pulley entry for winding radii (K, m) mm: tangent and signed wraps.
 
-    0 where the centre of the winder is not known (nan).  Raises PoseError where disc and pulley overlap.
+    winders.line where the centre of the winder is not known (nan).  Raises PoseError where disc and pulley overlap.
     Source: common tangents after Gueners 2021, 6.2.2.
     """
     return line_at(robot, np.asarray(radius, float), np.zeros(1)).length
@@ -56,7 +56,8 @@ def line_at(robot: Robot, radius: Array, offset: Array) -> WinderLine:
     tilt = np.arctan2(lean, along) - np.arctan2(c, flat)
     known = np.isfinite(square)
     columns = tangent, tilt, tangent - c * tilt, side * tilt + side * c * (1 / tangent - 1 / flat), offset / tangent
-    return WinderLine(*(np.where(known, column, 0.0) for column in columns))
+    constant = 0.0, 0.0, robot.winders.line if robot.winders else 0.0, 0.0, 0.0
+    return WinderLine(*(np.where(known, column, rest) for column, rest in zip(columns, constant, strict=True)))
 
 
 def touch_points(robot: Robot, radius: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 Legend (Gueners 2021, 3.2.3; Pott 2018, 3.5)
     W    wrench matrix, columns [u_i ; (R c_i) x u_i]; wrench = W @ tension       N/N and N mm/N
-    g    gravity, mm/s^2 (model.GRAVITY)                 s    R times the centre of mass: lever of the weight, mm
+    g    gravity, mm/s^2 (robot.gravity)                 s    R times the centre of mass: lever of the weight, mm
     M    mass matrix about the platform origin           I    inertia about the centre of mass, machine axes
     rates (v, omega), accels (a, alpha) of the platform origin, machine frame
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.robot.kinematics import cables, jacobian
-from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.pulley import CableLines
 from cabslice.robot.rotation import cross, matrix, skew
 
@@ -34,7 +34,7 @@ def wrench_matrix(robot: Robot, poses: Array, *, masked: bool = False, lines: Ca
 
 def gravity_wrench(robot: Robot, poses: Array, *, masked: bool = False) -> Array:
     """Wrench of the weight at the platform origin, (K, 6) or masked (K, f): N and N mm."""
-    force = np.broadcast_to(NEWTON * robot.mass * GRAVITY, (len(poses), 3))
+    force = np.broadcast_to(NEWTON * robot.mass * robot.gravity, (len(poses), 3))
     wrench = np.concatenate((force, cross(_weight_lever(robot, poses), force)), axis=1)
     return wrench[:, robot.freedoms] if masked else wrench
 

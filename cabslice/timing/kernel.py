@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from cabslice.arrays import Array
-from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot
 from cabslice.timing.recursion import lower_to_rows, retime_piece, spread
 
 FREEDOMS = 6
@@ -263,7 +263,7 @@ def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, ac
     geometry = tuple(np.ascontiguousarray(column, float) for column in (
         robot.anchors, robot.pulley_axes, robot.pulley_radii, robot.attachments))
     size = max(float(np.linalg.norm(robot.attachments, axis=1).max()), 1e-9)
-    load = (-robot.mass * NEWTON * GRAVITY, robot.mass * NEWTON, np.ascontiguousarray(robot.centre_of_mass), size)
+    load = (-robot.mass * NEWTON * robot.gravity, robot.mass * NEWTON, np.ascontiguousarray(robot.centre_of_mass), size)
     caps = np.concatenate((winding, winding_speed))
     bounds = (np.ascontiguousarray(robot.tension_min), np.ascontiguousarray(t_max), caps, accel, feed_accel, keep)
     return geometry, load, bounds
