@@ -25,6 +25,8 @@ COMMANDS = {
     "Ask": {
         "check": "can this robot make this part? exit code 0 yes, 4 no",
         "inspect": "what is in a part, a product or a motor file; --png draws it",
+        "workspace": "where can the platform be, and where can it print?",
+        "stiffness": "how stiffly do the cables hold the platform?",
     },
     "Set up": {
         "profile": "printers, materials and processes: list, show, check, new, keys",
