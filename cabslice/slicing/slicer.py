@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -35,6 +36,8 @@ REACH = 0.5      # of a bead's radius: how far its free ends run on, between bea
 REACH_OUTER = 0.25   # and at the part's surface
 THIN_CORRECTION = 0.15   # share by which the volume of beads in strips may be corrected
 
+TOGETHER = 8         # layers whose strips are filled in one go
+
 Progress = Callable[[int, int], None]
 
 
@@ -50,25 +53,28 @@ class Solid(Protocol):
 
 
 def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None) -> Iterator[Layer]:
-    """Layers of the part from the bed up, made one by one as they are asked for.
+    """Layers of the part from the bed up, made a few at a time as they are asked for.
 
     The part stands on z = 0 (mesh.place). progress(done, all) is called after each layer. Layers without beads
     (a gap between bodies) come too. Raises ModelError at the end if no layer has a bead.
     """
-    height = float(part.vertices[:, 2].max())
-    heights = layer_heights(height, process.first_layer_mm, process.layer_mm)
+    heights = layer_heights(float(part.vertices[:, 2].max()), process.first_layer_mm, process.layer_mm)
     outlines = (
         from_rings(points, starts, simplify_mm=process.resolution_mm)
         for points, starts in cut(part.vertices, part.faces, heights.plane)
     )
     pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
+    near = neighbours(outlines, process.top_layers, process.bottom_layers)
     laid = False
-    for near in neighbours(outlines, process.top_layers, process.bottom_layers):
-        layer = _layer(near, heights, process, nozzle_mm, pitch)
-        laid = laid or bool((layer.beads.island >= 0).any())
-        yield layer
-        if progress is not None:
-            progress(near.index + 1, len(heights.top))
+    while some := [_layer(each, heights, process, nozzle_mm, pitch) for each in islice(near, TOGETHER)]:
+        _lay_strips(some, nozzle_mm)
+        for raw in some:
+            beads = raw.beads.beads(raw.outline)
+            laid = laid or bool((beads.island >= 0).any())
+            top = float(heights.top[raw.index])
+            yield Layer(raw.index, top, raw.filling.height_mm, to_polygons(raw.outline), beads)
+            if progress is not None:
+                progress(raw.index + 1, len(heights.top))
     if not laid:
         raise ModelError(
             f"{part.name}: nothing to print: everywhere narrower than {THINNEST * nozzle_mm:.2g} mm, "
@@ -94,7 +100,19 @@ class _Strip:
     outer: bool
 
 
-def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, pitch: float) -> Layer:
+@dataclass(frozen=True)
+class _RawLayer:
+    """A layer before its thin strips are filled."""
+
+    index: int
+    outline: Region
+    filling: Filling
+    widest_mm: float
+    beads: BeadList
+    strips: list[_Strip]
+
+
+def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, pitch: float) -> _RawLayer:
     first = near.index == 0
     height = float(heights.height[near.index])
     inner = process.first_bead_mm if first else process.bead_mm
@@ -111,9 +129,8 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
         beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
     strips += _fill(beads, inside, near, process, filling, pitch)
-    _lay_strips(beads, strips, filling, nozzle, WIDEST * max(inner, outer))
-    top = float(heights.top[near.index])
-    return Layer(near.index, top, height, to_polygons(near.outline), beads.beads(near.outline))
+    strips = [strip for strip in strips if not strip.region.is_empty()]
+    return _RawLayer(near.index, near.outline, filling, WIDEST * max(inner, outer), beads, strips)
 
 
 def _fill(
@@ -136,21 +153,30 @@ def _fill(
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips]
 
 
-def _lay_strips(beads: BeadList, strips: list[_Strip], filling: Filling, nozzle: float, widest: float) -> None:
-    """One bead along each strip. Between beads it holds the strip's volume; on the outline it has the strip's width."""
-    strips = [strip for strip in strips if not strip.region.is_empty()]
-    kinds = {True: (REACH_OUTER, filling.thinnest_mm**2), False: (REACH, (filling.width_mm / 2) ** 2)}
+def _lay_strips(layers: list[_RawLayer], nozzle: float) -> None:
+    """One bead along each strip of some layers, looked at together because that is faster."""
+    both = [(layer, strip) for layer in layers for strip in layer.strips]
     lines = thin_lines(
-        [Strips(strip.region, *kinds[strip.outer]) for strip in strips],
-        narrowest_mm=NARROWEST * nozzle, widest_mm=widest, step_mm=STEP * nozzle,
+        [_search(layer.filling, strip) for layer, strip in both], narrowest_mm=NARROWEST * nozzle,
+        widest_mm=max(layer.widest_mm for layer in layers), step_mm=STEP * nozzle,
     )
-    for k, strip in enumerate(strips):
+    for k, (layer, strip) in enumerate(both):
         points, starts, diameter, closed = lines.of_group(k)
-        if not len(points):
-            continue
-        width = segment_widths(diameter, starts, closed)
-        if not strip.outer:
-            held = strip_area(points, starts, diameter, closed)
-            factor = np.clip(strip.region.area() / held, 1 - THIN_CORRECTION, 1 + THIN_CORRECTION)
-            width = bead_width(width * factor, filling.height_mm)
-        beads.add(points, starts, width, strip.role, closed)
+        if len(points):
+            width = _strip_widths(strip, points, starts, diameter, closed, layer.filling.height_mm)
+            layer.beads.add(points, starts, width, strip.role, closed)
+
+
+def _search(filling: Filling, strip: _Strip) -> Strips:
+    if strip.outer:
+        return Strips(strip.region, REACH_OUTER, filling.thinnest_mm**2)
+    return Strips(strip.region, REACH, (filling.width_mm / 2) ** 2)
+
+
+def _strip_widths(strip: _Strip, points: Array, starts: Array, diameter: Array, closed: Array, height: float) -> Array:
+    """(M,) mm. Between beads a bead holds the strip's volume; on the outline it has the strip's width."""
+    width = segment_widths(diameter, starts, closed)
+    if strip.outer:
+        return width
+    held = strip_area(points, starts, diameter, closed)
+    return bead_width(width * np.clip(strip.region.area() / held, 1 - THIN_CORRECTION, 1 + THIN_CORRECTION), height)

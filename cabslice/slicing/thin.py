@@ -12,7 +12,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.slicing.medial import MedialLines, medial_lines
-from cabslice.slicing.region import Region, following, to_rings
+from cabslice.slicing.region import Region, contains, following, to_rings
 
 JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
 DOT = 0.3        # of d: a shorter line is none
@@ -81,7 +81,7 @@ def thin_lines(strips: Sequence[Strips], *, narrowest_mm: float, widest_mm: floa
     points = points + np.stack((shift, 0 * shift), 1)
     found = medial_lines(points, starts, narrowest_mm=narrowest_mm, widest_mm=widest_mm, step_mm=step_mm)
     lines = _joined(found, np.array([strip.reach for strip in strips])[group])
-    lines += _spots(found, lines, points, starts, widest_mm)
+    lines += _spots(found, lines, points, starts, group, widest_mm)
     least = np.array([strip.least_mm2 for strip in strips])[group]
     return _columns([line for line in lines if line.area >= least[line.ring]], group, apart)
 
@@ -208,24 +208,26 @@ def _distance(p: Array, a: Array, b: Array) -> Array:
     return np.linalg.norm(p - a - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
-def _spots(found: MedialLines, lines: list[_Line], points: Array, starts: Array, widest: float) -> list[_Line]:
-    """Dots where a ring's lines leave much of it empty: at the largest discs whose middle nothing has reached yet.
+def _spots(
+    found: MedialLines, lines: list[_Line], points: Array, starts: Array, group: Array, widest: float
+) -> list[_Line]:
+    """Dots where lines leave much of a strip empty: at the largest discs whose middle nothing has reached yet.
 
     A dot is a line half as long as it is wide.
     """
-    held = np.zeros(len(starts) - 1)
-    for line in lines:
-        held[line.ring] += line.area
     ahead = points[following(starts)]
-    twice = np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1])
+    area = np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1]) / 2
+    owner = _owners(points, starts, area, group)
+    whole = np.bincount(owner, area, len(area))
+    held = np.bincount(owner[[line.ring for line in lines]], [line.area for line in lines], len(area))
     spots = []
-    for ring in np.flatnonzero((twice > 0) & (held < FULL * twice / 2)):
-        mine = (found.discs.ring == ring) & (found.discs.diameter <= widest)
+    for ring in np.flatnonzero((area > 0) & (held < FULL * whole)):
+        mine = (owner[found.discs.ring] == ring) & (found.discs.diameter <= widest)
         centre, diameter = found.discs.centre[mine], found.discs.diameter[mine]
-        reached = [(line.points, line.diameter) for line in lines if line.ring == ring]
         free = np.ones(len(centre), dtype=bool)
-        for places, wide in reached:
-            free &= ~_within(centre, places, wide)
+        for line in lines:
+            if owner[line.ring] == ring:
+                free &= ~_within(centre, line.points, line.diameter, line.closed)
         while free.any():
             best = int(np.argmax(np.where(free, diameter, -1.0)))
             if diameter[best] < SPOT * diameter.max():
@@ -236,8 +238,23 @@ def _spots(found: MedialLines, lines: list[_Line], points: Array, starts: Array,
     return spots
 
 
-def _within(query: Array, places: Array, wide: Array) -> Array:
+def _owners(points: Array, starts: Array, area: Array, group: Array) -> Array:
+    """(R,) the outline each ring belongs to: itself, or for a hole the smallest outline of its group around it."""
+    owner = np.arange(len(area))
+    for hole in np.flatnonzero(area < 0):
+        around = np.flatnonzero((group == group[hole]) & (area > -area[hole]))
+        for ring in around[np.argsort(area[around], kind="stable")]:
+            loop = points[starts[ring] : starts[ring + 1]]
+            if contains(loop, np.array([0, len(loop)]), points[starts[hole], None])[0]:
+                owner[hole] = ring
+                break
+    return owner
+
+
+def _within(query: Array, places: Array, wide: Array, closed: bool) -> Array:
     """(Q,) bool: query points (Q, 2) inside a disc at one of the places (P, 2), or between two of them."""
+    if closed:
+        places, wide = np.concatenate((places, places[:1])), np.concatenate((wide, wide[:1]))
     if len(places) > 1:
         cuts = np.maximum(2, np.ceil(np.linalg.norm(np.diff(places, axis=0), axis=1) / (wide.min() / 2)).astype(int))
         share = np.concatenate([k + np.arange(n) / n for k, n in enumerate(cuts)] + [[len(places) - 1]])

@@ -77,9 +77,12 @@ def _simple(outline: Region, steps: list[tuple[float, float]], widths: tuple[flo
 
 def _level(room: Region, outer: float, inner: float, thinnest: float) -> tuple[Region, Region, Region]:
     """Centre lines at `outer` inside the edge of the room, `inner` away from the next room; thin parts; next room."""
+    core = offset(room, -(outer + inner))
     lines = offset(room, -outer)
+    if _comes_back(room, offset(core, outer + inner), thinnest):
+        return lines, Region(), core
     if not lines.is_empty():
-        core = offset(room, -(outer + inner), round_corners=True)
+        core = offset(room, -(outer + inner), round_corners=True)  # a mitre would take away what has room for a pair
         lines = intersection(offset(core, inner), lines)
     return lines, thin_parts(room, offset(lines, outer), thinnest), offset(lines, -inner)
 
