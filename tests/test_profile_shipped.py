@@ -21,6 +21,7 @@ from cabslice.robot.winder_line import line_at
 
 ALL = [(kind, name) for kind in KINDS for name in shelf.names(kind)]
 PRINTERS = ["cabfab-init", "cabfab-init-x", "cabfab-init-x-measured", "cabfab-optim", "cabfab-optim-measured"]
+FIELD = ["caroca", "cogiro", "gt-planar", "hangprinter-linc", "hangprinter-v4", "ipanema-3", "segesta"]
 MATERIALS = ["abs", "pa12", "pa6", "pc", "pc-ptfe", "peek", "pei", "pet", "petg", "pla", "pom", "ppsu", "tpu"]
 SHIPPED = Path(__file__).parents[1] / "profiles"
 
@@ -62,7 +63,7 @@ def column(printer, key):
 
 
 def test_what_is_shipped():
-    assert shelf.names("printers") == PRINTERS
+    assert shelf.names("printers") == sorted(PRINTERS + FIELD)
     assert shelf.names("materials") == MATERIALS
     assert shelf.names("processes") == sorted(f"{what}-{nozzle}" for what in ("draft", "standard", "fine")
                                               for nozzle in ("0.4", "0.6", "0.8"))
