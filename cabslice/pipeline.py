@@ -209,8 +209,21 @@ def to_plan(
         return product, _passed(check(product, progress, jobs=jobs))
     laid = to_path(product, progress)
     verdict = _passed(check_path(laid, progress))
-    plan = planned(laid, progress, engine=engine, jobs=jobs)
-    return plan, verdict.joined(_passed(audited(plan, progress, jobs=jobs)))
+    plan, proof = proven(laid, progress, engine=engine, jobs=jobs)
+    return plan, verdict.joined(_passed(proof))
+
+
+def proven(
+    laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
+) -> tuple[Planned, Verdict]:
+    """The motion with the audit that it passes, slowed where the audit asked for it, or fails."""
+    from cabslice.timing.proof import plan_proven
+
+    trajectory, verdict = plan_proven(
+        *_given(laid), engine=engine, jobs=jobs,
+        planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
+    )
+    return Planned(laid.origin, laid.toolpath, trajectory), verdict
 
 
 def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1) -> Planned:

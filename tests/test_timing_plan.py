@@ -17,7 +17,7 @@ from cabslice.timing.audit import audit
 from cabslice.timing.limits import Nodes, limits_of, rows
 from cabslice.timing.retime import plan
 from cabslice.timing.rules import ArrayRules, CompiledRules
-from cabslice.timing.trajectory import sample
+from cabslice.timing.trajectory import sample, slowed
 
 ROBOT = cabfab_optim()
 
@@ -184,3 +184,19 @@ def test_a_path_the_platform_cannot_rest_on_is_refused_with_the_place():
     toolpath = polyline(points=[[0, 0, 1], [10, 0, 1], [900, 0, 1]], pieces=1)
     with pytest.raises(ImpossibleError, match=r"layer 0: no cable tensions .* nozzle near"):
         planned(toolpath)
+
+
+def test_what_the_audit_still_finds_is_cured_by_slowing_that_piece_alone(monkeypatch):
+    """A planner that looks away from its own middle places breaks limits; the proof slows the pieces concerned."""
+    from cabslice.timing import proof
+
+    hasty = planned(print_like(0))
+    factor = np.where(np.arange(len(hasty.pieces) - 1) == 0, 0.8, 1.0)        # the first piece too fast
+    monkeypatch.setattr(proof, "plan", lambda *args, **options: slowed(hasty, factor))
+    toolpath = print_like(0)
+    assert not judged(slowed(hasty, factor), toolpath).ok
+    cured, verdict = proof.plan_proven(toolpath, ROBOT, PRINTER, MATERIAL, PROCESS)
+    assert verdict.ok
+    assert judged(cured, toolpath, step_s=1e-3).ok
+    spans = [np.diff(motion.time[[motion.pieces[1], motion.pieces[2] - 1]])[0] for motion in (hasty, cured)]
+    assert spans[0] == pytest.approx(spans[1], abs=1e-9)

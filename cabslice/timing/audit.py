@@ -31,6 +31,9 @@ ROUNDING = 1e-6             # of a limit: finite differences are not exact
 BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
 FINER = 8
+CURED_BY_SLOWING = {
+    "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension",
+}
 Progress = Callable[[int, int], None]
 
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
@@ -44,6 +47,7 @@ class Worst:
 
     seen: dict[str, tuple[float, float, float, float, int, int]] = field(default_factory=dict)
     vertices: int = 0      # passed so far
+    broken: list[tuple[Array, Array]] = field(default_factory=list)   # times and shares above 1 that slowing down cures
 
     def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
         if not len(value):
@@ -54,9 +58,13 @@ class Worst:
         entry = (float(share[at]), float(value[at]), float(limit[at]), float(times[at]), int(move[at]), cable)
         if code not in self.seen or not entry[0] <= self.seen[code][0]:
             self.seen[code] = entry
+        if code in CURED_BY_SLOWING and not entry[0] <= 1 + ROUNDING:
+            over = ~(share <= 1 + ROUNDING)
+            self.broken.append((times[over], share[over]))
 
     def merge(self, other: Worst) -> None:
         self.vertices += other.vertices
+        self.broken += other.broken
         for code, entry in other.seen.items():
             if code not in self.seen or not entry[0] <= self.seen[code][0]:
                 self.seen[code] = entry
@@ -80,9 +88,18 @@ def audit(
 ) -> Verdict:
     """Samples the motion every step_s seconds and says whether it keeps every limit.
 
-    Margins of the verdict are the largest shares of each limit used (1 is the limit), tension in N as the smallest
-    distance to a bound.
+    Margins of the verdict are the largest shares of each limit used (1 is the limit; of a tension, how far from the
+    middle of its range to a bound).
     """
+    return examine(
+        trajectory, toolpath, robot, printer, material, process, step_s=step_s, jobs=jobs, progress=progress)[0]
+
+
+def examine(
+    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    *, step_s: float = STEP_S, jobs: int = 1, progress: Progress | None = None,
+) -> tuple[Verdict, Array, Array]:
+    """The audit, and every time (B,) s at which a slower motion would help with its share (B,) of the limit."""
     asked = np.where(toolpath.lengths > 0, toolpath.speed, 0.0)
     subject = Subject(trajectory, toolpath, robot, printer, material, process, step_s, asked)
     worst, blocks = Worst(), list(_blocks(trajectory.duration, step_s))
@@ -93,7 +110,8 @@ def audit(
                 progress(done + 1, len(blocks))
     worst.merge(_ends(subject))
     _coverage(subject, worst)
-    return _verdict(subject, worst, blocks[-1][1] if blocks else 0)
+    times, shares = (np.concatenate([found[k] for found in worst.broken] or [np.zeros(0)]) for k in (0, 1))
+    return _verdict(subject, worst, blocks[-1][1] if blocks else 0), times, shares
 
 
 def _blocks(duration: float, step: float) -> Iterator[tuple[int, int]]:

@@ -10,7 +10,7 @@ Legend
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,9 +60,7 @@ class Trajectory:
 
 def sample(trajectory: Trajectory, times: Array) -> Samples:
     """The motion at times (K,) s; before the start and after the end the machine rests."""
-    half = trajectory.window / 2
-    starts = trajectory.time[trajectory.pieces[:-1]] - half
-    piece = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+    piece = piece_at(trajectory, times)
     s, rate, u = averaged(trajectory, piece, times)
     return _samples(trajectory, piece, s, rate, u)
 
@@ -104,6 +102,22 @@ def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:
     which = piece - low
     found = moves[np.maximum(np.searchsorted(key, s + longest * which, side="right") - 1, 0)]
     return np.clip(found, first[which], last[which])
+
+
+def slowed(trajectory: Trajectory, factor: Array) -> Trajectory:
+    """The same path with the plan of piece p stretched in time by factor[p] >= 1: accelerations fall by its square."""
+    pieces = trajectory.pieces
+    each = np.repeat(factor, np.diff(pieces))
+    spent = np.diff(trajectory.time, prepend=0.0)
+    inside = np.ones(len(each), np.bool_)
+    inside[pieces[:-1]] = False
+    return replace(trajectory, time=np.cumsum(np.where(inside, spent * each, spent)), x=trajectory.x / each**2)
+
+
+def piece_at(trajectory: Trajectory, times: Array) -> Array:
+    """(K,) the piece whose run, rest before it included, holds the times (K,) s."""
+    starts = trajectory.time[trajectory.pieces[:-1]] - trajectory.window / 2
+    return np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
 
 
 def times_between(s: Array, x: Array) -> Array:
