@@ -20,15 +20,14 @@ def pull(robot, poses, rest):
     """Wrench of the cables at constant rest length of the whole line: winder, pulley, n strands; from conservation."""
     winders = robot.winders
     line = winder.line_to_pulley(robot, winder.radius(winders, winders.home_angle[None]))
-    strand = robot.axial_stiffness * ((line + winders.advantage * lengths(robot, poses)) / rest - 1)
-    return np.einsum("kij,kj->ki", wrench_matrix(robot, poses), winders.advantage * strand)
+    tension = robot.axial_stiffness * ((line + winders.advantage * lengths(robot, poses)) / rest - 1)
+    return np.einsum("kij,kj->ki", wrench_matrix(robot, poses), tension)
 
 
 def rest_of(robot, poses, tension):
     winders = robot.winders
     line = winder.line_to_pulley(robot, winder.radius(winders, winders.home_angle[None]))
-    strand = tension / winders.advantage
-    return (line + winders.advantage * lengths(robot, poses)) / (1 + strand / robot.axial_stiffness)
+    return (line + winders.advantage * lengths(robot, poses)) / (1 + tension / robot.axial_stiffness)
 
 
 @pytest.mark.parametrize("robot", [cabfab_init_x(), cabfab_optim(), hangprinter(tension_max=np.full(4, 300.0))],

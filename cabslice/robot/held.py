@@ -2,18 +2,18 @@
 
 Legend
     t    tensions that carry the platform's own weight            K, M   stiffness and mass matrix (see stiffness)
-    n    advantage: strands of a winder's line (see winder)       ES     axial stiffness of one strand, N
+    n    advantage: strands of a winder's line (see winder)       ES     axial stiffness of all strands, N
     lv   reference level, N, the same for all cables, at which the mean of t is the preload asked for
 
 A cable is as soft as it is long, so the line from winder to pulley counts. n strands share t: the platform feels
-n ES / (L + line/n). The line is taken at the home radius of its winder: from the first layer to the last it changes
+ES / (L + line/n). The line is taken at the home radius of its winder: from the first layer to the last it changes
 by a few mm, the stiffness by a part of a percent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -90,8 +90,7 @@ def mean_range(robot: Robot, poses: Array, *, method: str = "nearest") -> tuple[
 def first_mode(*, method: str = "nearest", preload: float | None = None) -> Measure:
     """A measure (see workspace): first natural frequency (K,) Hz, nan where not held."""
     def measure(robot: Robot, poses: Array, found: Tensions) -> Array:
-        effective, line = _strands(robot)
-        return stiffness.first_modes(effective, poses, found.tension, line=line)
+        return stiffness.first_modes(robot, poses, found.tension, line=_line(robot))
 
     return _where_held(measure, method, preload)
 
@@ -145,8 +144,7 @@ def _range(robot: Robot) -> str:
 
 
 def _held(robot: Robot, poses: Array, found: Tensions) -> Held:
-    effective, line = _strands(robot)
-    parts = stiffness.stiffness(effective, poses, found.tension, line=line)
+    parts = stiffness.stiffness(robot, poses, found.tension, line=_line(robot))
     gravity = stiffness.gravity_stiffness(robot, poses)
     modes, shapes = stiffness.modes(robot, poses, parts.total + gravity)
     return Held(poses, found, parts, gravity, modes, shapes, stiffness.modes(robot, poses, parts.cable)[0])
@@ -166,13 +164,12 @@ def _where_held(
     return everywhere
 
 
-def _strands(robot: Robot) -> tuple[Robot, Array]:
-    """The robot with what n strands together are worth, and the loaded line (m,) mm one strand's worth of it."""
+def _line(robot: Robot) -> Array:
+    """Loaded line (m,) mm from winder to pulley at home, as it counts: one of n strands goes on to the winder."""
     if robot.winders is None:
-        return robot, np.zeros(robot.cables)
+        return np.zeros(robot.cables)
     winders = robot.winders
-    line = winder.line_to_pulley(robot, winder.radius(winders, winders.home_angle[None]))[0]
-    return replace(robot, axial_stiffness=robot.axial_stiffness * winders.advantage), line / winders.advantage
+    return winder.line_to_pulley(robot, winder.radius(winders, winders.home_angle[None]))[0] / winders.advantage
 
 
 def _finder(robot: Robot, poses: Array, method: str, refuse: bool) -> Callable[[Array], Tensions]:
