@@ -68,9 +68,9 @@ def test_a_process_for_another_nozzle_is_refused(box, capsys):
     refused(capsys, 3, ["slice", box, *PRINTER, "-s", "nozzle.diameter_mm=0.8"], "is 0.8, but", "--process")
 
 
-@pytest.mark.parametrize("command", ["slice", "plan", "export"])
-def test_an_unknown_suffix_is_exit_2_and_names_the_known_ones(box, capsys, command):
-    refused(capsys, 2, [command, box, *PRINTER, "-o", "box.xyz"], "'xyz'")
+@pytest.mark.parametrize(("command", "default"), [("slice", "path"), ("plan", "plan"), ("export", "stream")])
+def test_an_unknown_suffix_is_exit_2_and_names_the_known_ones(box, capsys, command, default):
+    refused(capsys, 2, [command, box, *PRINTER, "-o", "box.xyz"], "box.xyz does not end in", f".{default}")
     refused(capsys, 2, [command, box, *PRINTER, "--format", "xyz"], "'xyz'")
 
 

@@ -7,11 +7,13 @@ import click
 from cabslice.cli import options
 from cabslice.cli.options import Machine, Output, Placing
 from cabslice.cli.report import Talk
+from cabslice.motors.names import NAMES
 
-FORMATS = ("stream", "csv")
+SUFFIXES = {row.name: row.suffix for row in NAMES.values()}
+FORMATS = "\n\n".join(["Formats:", *(f"{row.name} ({row.suffix}): {row.about}" for row in NAMES.values())])
 
 
-@click.command("export")
+@click.command("export", epilog=FORMATS)
 @click.argument("file", metavar="PART")
 @options.machine
 @options.placing
@@ -26,10 +28,11 @@ def export(
 ) -> None:
     """Write the motor file. From a part this does everything: slice, check, plan, audit.
 
-    PART is a mesh, a .layers, a .path or a .plan. Writes .stream (binary) or .csv; nothing where the check or the audit
+    PART is a mesh, a .layers, a .path or a .plan. Writes .stream, or another
+    format by the suffix of -o or --format; nothing where the check or the audit
     finds anything (exit code 4).
     """
-    target, talk = options.target(output, file, FORMATS, talk)
+    target, talk = options.target(output, file, SUFFIXES, talk)
     from cabslice import pipeline
     from cabslice.cli import tables
     from cabslice.cli.job import begin, summary

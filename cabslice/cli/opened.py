@@ -36,7 +36,7 @@ def opened(file: str, placing: Placing) -> Seen:
         return _product(path)
     if path.suffix.lower() in pipeline.GCODE:
         return _gcode(path)
-    format = format_of(path) or next((row for row in FORMATS.values() if row.suffix == path.suffix), None)
+    format = format_of(path) or next((row for row in FORMATS.values() if path.name.endswith(row.suffix)), None)
     return _stream(path, format) if format else _part(path, placing)
 
 

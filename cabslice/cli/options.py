@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -136,35 +136,42 @@ class Target:
     overwrite: bool
 
 
-def target(output: Output, source: str, formats: tuple[str, ...], talk: Talk) -> tuple[Target, Talk]:
-    """Where the result goes, and how to talk then. `formats[0]` is the default.
+def target(
+    output: Output, source: str, formats: Sequence[str] | Mapping[str, str], talk: Talk
+) -> tuple[Target, Talk]:
+    """Where the result goes, and how to talk then. `formats` are names, or names and suffixes; the default first.
 
-    Found out before any work: UsageError for an unknown suffix, OutputError where the result could not be written.
+    Found out before any work: UsageError for an unknown format, OutputError where the result could not be written.
     """
+    suffixes = formats if isinstance(formats, Mapping) else {name: f".{name}" for name in formats}
+    if output.format is not None and output.format not in suffixes:
+        raise UsageError(f"There is no output format {output.format!r} here; --format may be: {', '.join(suffixes)}.")
+    default = output.format or next(iter(suffixes))
     if output.to == "-":
         if talk.json:
             raise UsageError("-o - and --json both want stdout: choose one.")
-        return Target("-", _format(output.format or formats[0], formats), True), replace(talk, aside=True)
-    path = _path(output, source, formats)
-    format = _format(output.format or path.suffix.removeprefix("."), formats)
+        return Target("-", default, True), replace(talk, aside=True)
+    path = _path(output.to, Path(source).stem + suffixes[default])
+    format = output.format or _format(path, suffixes)
     claim(path, output.overwrite)
     return Target(str(path), format, output.overwrite), talk
 
 
-def _path(output: Output, source: str, formats: tuple[str, ...]) -> Path:
-    plain = f"{Path(source).stem}.{output.format or formats[0]}"
-    if output.to is None:
+def _path(to: str | None, plain: str) -> Path:
+    if to is None:
         return Path(plain)
-    if output.to.endswith(("/", os.sep)) or Path(output.to).is_dir():
-        return Path(output.to) / plain
-    return Path(output.to)
+    if to.endswith(("/", os.sep)) or Path(to).is_dir():
+        return Path(to) / plain
+    return Path(to)
 
 
-def _format(name: str, formats: tuple[str, ...]) -> str:
-    if name in formats:
-        return name
-    known = ", ".join(formats)
-    raise UsageError(f"There is no output format {name!r} here; -o's suffix or --format may be: {known}.")
+def _format(path: Path, suffixes: Mapping[str, str]) -> str:
+    """The format with the longest suffix that the path ends in."""
+    fitting = [name for name, suffix in suffixes.items() if path.name.lower().endswith(suffix)]
+    if fitting:
+        return max(fitting, key=lambda name: len(suffixes[name]))
+    known = ", ".join(suffixes.values())
+    raise UsageError(f"{path.name} does not end in a suffix known here ({known}); name it so, or give --format.")
 
 
 def claim(path: str | Path, overwrite: bool) -> None:
