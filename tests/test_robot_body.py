@@ -59,7 +59,8 @@ def test_a_plate_is_judged_in_its_plane_only():
     assert not through(robot, robot.home[None]).any()
     crossed = cable_robot(robot.anchors, robot.attachments[[2, 1, 0, 3]], freedoms=robot.freedoms, home=robot.home)
     np.testing.assert_array_equal(through(crossed, robot.home[None])[0], [1, 0, 1, 0])
-    lifted = cable_robot(robot.anchors + np.array([0, 800, 0]), crossed.attachments, freedoms=robot.freedoms, home=robot.home)
+    above = robot.anchors + np.array([0, 800, 0])
+    lifted = cable_robot(above, crossed.attachments, freedoms=robot.freedoms, home=robot.home)
     assert not through(lifted, robot.home[None]).any()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -72,19 +73,36 @@ def show(ref: str, kind: str | None, sets: tuple[str, ...], talk: Talk) -> None:
 @kind_option
 @options.talk
 def check(ref: str, kind: str | None, talk: Talk) -> None:
-    """Is this profile right? Exit code 0 yes; 3 no, with every fault: file, key, what was expected."""
+    """Is this profile right? Exit code 0 yes; 3 no, with every fault: file, key, what was expected.
+
+    Of a printer also: do its cables hold the platform at home?
+    """
     from cabslice.profile import shelf
     from cabslice.profile.summary import summary
 
     folder = _kind(ref, kind)
     files = [sheet.label for sheet in shelf.chain(folder, ref)]
     model = shelf.load(folder, ref)
+    if folder == "printers":
+        _stands(files[-1], model)
     sentence = summary(folder, model)
     talk.answer({
         "ok": True, "command": "profile check", "kind": shelf.SINGULAR[folder], "name": model.name, "files": files,
         "sha256": shelf.profile_hash(model), "sentence": sentence, "assumed": getattr(model, "assumed", []),
     }, sentence)
     talk.detail("\n".join(f"assumed: {one}" for one in getattr(model, "assumed", [])) or "nothing assumed")
+
+
+def _stands(file: str, model: Any) -> None:
+    """Raises ProfileError where the robot cannot be at home."""
+    from cabslice.robot.model import robot_from_printer
+    from cabslice.robot.sound import faults
+
+    robot = robot_from_printer(model)
+    found = [fault.sentence.replace(" at pose 0:", ":") for fault in faults(robot, robot.home)]
+    if found:
+        place = " ".join(f"{x:g}" for x in model.platform.home_mm)
+        raise ProfileError(file, [f"at home ({place} mm): {sentence}" for sentence in found])
 
 
 @profile.command("keys")

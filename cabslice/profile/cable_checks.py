@@ -76,14 +76,13 @@ def _pulley(cable: Values, home: list[float]) -> Faults:
     groove = number(pulley, "groove_radius_mm", 0.0)
     radius = groove + number(cable, "diameter_mm") / 2
     along, away = _in_plane(reach, axis)
-    if groove > 0 and away <= radius:
+    distance = math.hypot(away - radius, along)
+    if groove > 0 and min(away, distance) <= radius:
+        what, found = ("swivel axis", away) if away <= radius else ("pulley's centre", distance)
+        place = ", ".join(f"{a + step:g}" for a, step in zip(anchor, reach, strict=True))
         yield ("pulley", "groove_radius_mm"), (
-            f"expected the attachment at home further than the pulley radius {radius:g} mm from the swivel axis, "
-            f"found {away:g} mm")
-    elif groove > 0 and math.hypot(away - radius, along) <= radius:
-        yield ("pulley", "groove_radius_mm"), (
-            f"expected the attachment at home further than the pulley radius {radius:g} mm from the pulley's centre, "
-            f"found {math.hypot(away - radius, along):g} mm")
+            f"expected the attachment at home, at ({place}) mm, further than the pulley radius {radius:g} mm from the "
+            f"{what}, found {found:g} mm")
 
 
 def _in_plane(reach: list[float], axis: list[float]) -> tuple[float, float]:
