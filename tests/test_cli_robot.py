@@ -204,7 +204,7 @@ def test_preload_out_of_reach_is_exit_4_with_what_is_in_reach(here, capsys):
 def test_a_weight_no_cable_can_carry_leaves_no_workspace(here, capsys):
     words = ["workspace", *PAPER, "--mass-kg", "100", "--step-mm", "100"]
     sentence = refused(capsys, 4, *words)
-    assert "none of 1331 poses" in sentence
+    assert "none of 1331 poses asked about" in sentence
     assert "no tensions within 1..100 N carry 100 kg" in sentence
     assert "cable " in sentence
     refused(capsys, 4, "stiffness", *PAPER, "--mass-kg", "100", "--step-mm", "100")
@@ -224,9 +224,10 @@ def test_bad_tension_bounds_are_exit_2(here, capsys, bounds):
     (["stiffness", *PAPER, *LEVEL, "--step-mm", "50"], "choose one"),
     (["stiffness", *PAPER, *LEVEL, "--preload-n", "30", "--distribution", "closed-form"], "nearest"),
     (["stiffness", *PAPER, *LEVEL, "--distribution", "nearly"], "closed-form"),
-    (["stiffness", *PAPER, *LEVEL, "-o", "x.xlsx"], "csv, npz"),
+    (["stiffness", *PAPER, *LEVEL, "-o", "x.xlsx"], "npz"),
     (["stiffness", *PAPER, *LEVEL, "-o", "x.csv", "--png", "x.csv"], "x.csv"),
     (["workspace", *PAPER, "--step-mm", "0.5"], "nodes"),
+    (["workspace", *PAPER, "--step-mm", "100", "--box-mm", "0 0 0 0 0 100", "--png", "x.png"], "line of nodes"),
     (["workspace"], "cabfab-init-x"),
 ])
 def test_wrong_command_lines_are_exit_2_with_the_remedy(here, capsys, words, said):
@@ -261,6 +262,26 @@ def test_closure_bed_and_turn(here, capsys):
     turned = numbers(capsys, *words, "--turn", "3 0 0")
     assert turned["workspace_fraction"] < plain["workspace_fraction"]
     assert "print_space_fraction" not in turned
+
+
+def test_the_box_of_a_ceiling_robot_hangs_down_to_its_home(here, capsys):
+    words = ["workspace", "-p", "cogiro", "--step-mm", "1000"]
+    found = numbers(capsys, *words)
+    robot = robot_from_printer(shelf.load_printer("cogiro"))
+    assert found["box_mm"][2] == pytest.approx([robot.home[2], robot.anchors[:, 2].max()])
+    assert 0.1 < found["workspace_fraction"] < 0.9
+    inner = numbers(capsys, *words, "--box-mm", "-3000 -2000 2000 3000 2000 3000")
+    assert inner["nodes"] == [7, 5, 2]
+    assert inner["workspace_fraction"] == 1.0
+
+
+def test_a_robot_with_few_freedoms_says_as_many_modes(here, capsys):
+    planar = numbers(capsys, "workspace", "-p", "gt-planar", "--step-mm", "300", "--map", "first-mode")
+    assert planar["nodes"] == [11, 1, 11]
+    hanging = numbers(capsys, "stiffness", "-p", "hangprinter-v4", "--pose", "0 0 1000 0 0 0")
+    assert len(hanging["modes_hz"]) == 3
+    assert len(hanging["tensions_n"]) == 4
+    assert hanging["k_cable_rot_n_m_deg"] == [0.0, 0.0, 0.0]
 
 
 def test_saved_maps_hold_the_numbers(here, capsys):

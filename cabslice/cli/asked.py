@@ -10,12 +10,14 @@ import click
 
 from cabslice.cli import options
 from cabslice.cli.job import printer_name
-from cabslice.cli.options import Output, Target
+from cabslice.cli.options import Numbers, Output, Target
 from cabslice.cli.report import Talk
 from cabslice.errors import UsageError
 
 if TYPE_CHECKING:
+    from cabslice.arrays import Array
     from cabslice.robot.model import Robot
+    from cabslice.robot.workspace import Grid
 
 FORMATS = ("csv", "npz")
 DISTRIBUTIONS = (     # names of robot.distributions.METHODS, which --help does not import
@@ -54,6 +56,7 @@ class Asked:
     preload_n: float | None
     distribution: str
     step_mm: float | None
+    box_mm: tuple[float, ...] | None
     bed_mm: float | None
 
     def robot(self) -> Robot:
@@ -80,15 +83,24 @@ class Asked:
         return replace(robot, **changes)
 
     def step(self, robot: Robot) -> float:
-        """--step-mm, else a fiftieth of the frame's longest side. Raises UsageError where that is far too many."""
+        """--step-mm, else a fiftieth of the frame's longest side."""
+        return self.step_mm or float((robot.anchors.max(axis=0) - robot.anchors.min(axis=0)).max()) / SIDE
+
+    def grid(self, robot: Robot, turn_deg: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Grid:
+        """Nodes about a step apart over --box-mm, else over the frame; faces included. UsageError for too many."""
         import numpy as np
 
-        sides = np.ptp(robot.anchors, axis=0)
-        step = self.step_mm or float(sides.max()) / SIDE
-        nodes = float(np.prod(sides / step + 1))
-        if nodes > NODES:
-            raise UsageError(f"--step-mm {step:g} means {nodes:.3g} nodes in this frame, expected at most {NODES:.0e}.")
-        return step
+        from cabslice.robot.rotation import from_angles
+        from cabslice.robot.workspace import Grid
+
+        step, corners = self.step(robot), frame(robot) if self.box_mm is None else np.reshape(self.box_mm, (2, 3))
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        counts = np.round((high - low) / step) + 1
+        if counts.prod() > NODES:
+            words = f"--step-mm {step:g} means {counts.prod():.3g} nodes here, expected at most {NODES:.0e}."
+            raise UsageError(words)
+        x, y, z = (np.linspace(*ends) for ends in zip(low, high, counts.astype(int), strict=True))
+        return Grid(x, y, z, turn=from_angles(np.radians(turn_deg)))
 
     def _profile(self) -> Any:
         from cabslice.profile import shelf
@@ -117,6 +129,14 @@ class Asked:
         return f"{robot.name}: {robot.mass:g} kg, tensions {low:g}..{high:g} N{level} ({self.distribution}), {lead}"
 
 
+def frame(robot: Robot) -> Array:
+    """Two corners (2, 3) mm of the box of anchors, home and bed: anchors may all be at one height, on a ceiling."""
+    import numpy as np
+
+    seen = [robot.anchors, robot.home[None, :3]] + ([] if robot.bed_origin is None else [robot.bed_origin[None]])
+    return np.array([np.vstack(seen).min(axis=0), np.vstack(seen).max(axis=0)])
+
+
 asked = options._gather("asked", Asked, {
     "printer": click.option("-p", "--printer", metavar="NAME|FILE", help="Printer profile; else CABSLICE_PRINTER."),
     "sets": click.option("-s", "--set", "sets", multiple=True, metavar="TABLE.KEY=VALUE",
@@ -131,6 +151,8 @@ asked = options._gather("asked", Asked, {
                                  show_default=True, help="How tensions are chosen among those that balance."),
     "step_mm": click.option("--step-mm", type=click.FloatRange(0, 1e5, min_open=True),
                             help=f"Between nodes of the grid; default: the frame's longest side / {SIDE}."),
+    "box_mm": click.option("--box-mm", type=Numbers("x", "y", "z", "x", "y", "z"), metavar='"X Y Z X Y Z"',
+                           help="Two corners of the grid; default: the box of the anchors, with home and bed."),
     "bed_mm": click.option("--bed-mm", type=click.FloatRange(-1e6, 1e6), help="Height of the bed, machine frame."),
 })
 

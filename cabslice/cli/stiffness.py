@@ -62,8 +62,8 @@ def stiffness(
     the modes of the whole, and the tensions that carry the weight. Without --pose: mean, least and largest over the
     level poses of a grid. Exit code 4 where a cable cannot run, or no tensions within the bounds exist.
     """
-    if poses and (over or asked.step_mm):
-        raise UsageError("--pose asks about poses; --over and --step-mm about a grid: choose one.")
+    if poses and (over or asked.step_mm or asked.box_mm):
+        raise UsageError("--pose asks about poses; --over, --step-mm and --box-mm about a grid: choose one.")
     robot = asked.robot()
     target, talk = door.targets(output, png, f"{robot.name}-stiffness", talk)
     answer = _at_poses(asked, robot, poses) if poses else _over_grid(asked, robot, over, talk)
@@ -181,10 +181,10 @@ def _nodes(asked: Asked, robot: Robot, over: str | None) -> Nodes:
 
     from cabslice.robot import workspace
 
-    step = asked.step(robot)
+    step, grid = asked.step(robot), asked.grid(robot)
     if over == "workspace" or (over is None and (robot.nozzle is None or robot.bed_origin is None)):
-        found = workspace.survey(robot, workspace.frame_grid(robot, step=step), workspace.feasible_margin)
-        return Nodes(found.grid, found.inside, "workspace", f"wrench-feasible level poses, {step:g} mm apart")
+        found = workspace.survey(robot, grid, workspace.feasible_margin)
+        return Nodes(grid, found.inside, "workspace", f"wrench-feasible level poses, {step:g} mm apart")
     if robot.nozzle is None or robot.bed_origin is None:
         raise UsageError(f"{robot.name} has no nozzle or no bed, so no print space: --over workspace, or --bed-mm.")
     space = workspace.print_space(robot, step=step)

@@ -71,9 +71,9 @@ def _hertz(values: Any) -> list[str]:
 # ---- workspace
 
 def space_table(numbers: Mapping[str, Any]) -> Table:
-    """Shares of the frame, and the maps inside (view.workspace)."""
+    """Shares of the box, and the maps inside (view.workspace)."""
     nodes = " x ".join(str(count) for count in numbers["nodes"])
-    rows = [("inside", _percent(numbers["workspace_fraction"]), f"of the frame, {nodes} nodes")]
+    rows = [("inside", _percent(numbers["workspace_fraction"]), f"of the box, {nodes} nodes")]
     if "print_space_fraction" in numbers:
         radius, height = numbers["largest_cylinder_mm"]
         rows += [

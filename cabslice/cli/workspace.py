@@ -86,9 +86,9 @@ wanted = options._gather("wanted", _gathered, {
 def workspace(asked: Asked, wanted: Wanted, output: Output, png: str | None, talk: Talk) -> None:
     """Where can the platform be, and where can it print?
 
-    Asks at every node of a grid over the frame, faces included. For printers with nozzle and bed also the print space:
-    nozzle positions at which no cable crosses a part thought of as a cylinder (the union over all radii), and the
-    largest single cylinder. Exit code 4 where no pose of the frame is inside.
+    Asks at every node of a grid over the machine, faces included. For printers with nozzle and bed also the print
+    space: nozzle positions at which no cable crosses a part thought of as a cylinder (the union over all radii), and
+    the largest single cylinder. Exit code 4 where no pose is inside.
     """
     robot = asked.robot()
     target, talk = door.targets(output, png, f"{robot.name}-workspace", talk)
@@ -98,15 +98,17 @@ def workspace(asked: Asked, wanted: Wanted, output: Output, png: str | None, tal
     with talk.progress() as tick:
         found = _survey(asked, robot, wanted, talk, tick)
     said = numbers.of_maps(found.grid, found.inside, found.maps)
-    said |= numbers.of_print_space(robot, found.space) if found.space else {}
+    if found.space:
+        low, high = door.frame(robot)
+        said |= numbers.of_print_space(float((high - low).prod()), found.space)
     settings = _settings(asked, robot, wanted)
     if target:
         _save(target, settings | {"numbers": said}, robot, found)
     if png:
         _draw(png, output.overwrite, asked.sentence(robot), robot, wanted, found)
     files = ({"output": target.path} if target else {}) | ({"png": png} if png else {})
-    blocks: list[str | Table] = [asked.sentence(robot), wanted.sentence(), tables.space_table(said),
-                                 "\nby height of the platform", tables.height_table(found.grid, found.maps, found.inside)]
+    blocks: list[str | Table] = [asked.sentence(robot), wanted.sentence(), tables.space_table(said)]
+    blocks += ["\nby height of the platform", tables.height_table(found.grid, found.maps, found.inside)]
     if found.space:
         blocks += ["\nby height of the nozzle over the bed", tables.print_table(robot, found.space)]
     content = {"ok": True, "command": "workspace", **settings, "numbers": said, **files}
@@ -126,10 +128,8 @@ def _survey(asked: Asked, robot: Robot, wanted: Wanted, talk: Talk, tick: Tick) 
     import numpy as np
 
     from cabslice.robot import workspace as room
-    from cabslice.robot.rotation import from_angles
 
-    measures = _measures(asked, wanted)
-    grid = room.frame_grid(robot, step=asked.step(robot), turn=from_angles(np.radians(wanted.turn_deg)))
+    measures, grid = _measures(asked, wanted), asked.grid(robot, wanted.turn_deg)
     maps = {key: room.survey(robot, grid, _counted(one, key, grid, tick)).value for key, one in measures.items()}
     least = {key: value for key, value in wanted.least.items() if value is not None}
     inside = np.logical_and.reduce([maps[key] >= value for key, value in least.items()])
@@ -181,7 +181,7 @@ def _nowhere(asked: Asked, robot: Robot, wanted: Wanted, grid: Grid, maps: Mappi
     from cabslice.robot.held import why_not
 
     key, value = next(iter(maps.items()))
-    words = f"{robot.name} has no {wanted.sentence()}: none of {value.size} poses of its frame is inside."
+    words = f"{robot.name} has no {wanted.sentence()}: none of {value.size} poses asked about is inside."
     value = np.where(np.isfinite(value), value, -np.inf).ravel()
     best = int(value.argmax())
     if np.isfinite(value[best]):

@@ -70,8 +70,8 @@ def across(normal: Array) -> Array:
 def nearest_on_line(slopes: Array, lower: Array, upper: Array) -> Array:
     """The number (K,) nearest to 0 with lower <= slope x <= upper for all rows; mid gap where there is none."""
     first, last = line_interval(slopes, lower, upper)
-    clipped = np.minimum(np.maximum(first, 0.0), last)
-    return np.where(first > last, (first + last) / 2, clipped)
+    empty, clipped = first > last, np.minimum(np.maximum(first, 0.0), last)
+    return np.where(empty, (np.where(empty, first, 0.0) + np.where(empty, last, 0.0)) / 2, clipped)
 
 
 def line_interval(slopes: Array, lower: Array, upper: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.errors import UsageError
 from cabslice.files import atomic
 from cabslice.robot.model import Robot
 from cabslice.robot.workspace import Grid
@@ -22,6 +23,7 @@ LABELS = {     # key of a map: what it is called, its unit, its colours (all of 
     "free_radius_mm": ("free radius around the bed's axis", "mm", "viridis"),
 }
 VIEWS = ((0, 1, "from above"), (0, 2, "from the front"), (1, 2, "from the side"))
+PANEL = 3.2           # inches, width of a panel with its labels
 OUTSIDE, MARK = "#dddddd", "#d55e00"
 CUT: dict[str, Any] = {"color": "white", "linewidth": 0.7, "linestyle": ":"}
 
@@ -54,13 +56,15 @@ class Chart:
 def save_picture(
     robot: Robot, charts: Sequence[Chart], path: str | Path, *, title: str, overwrite: bool = False
 ) -> None:
-    """Draw the charts, one below the other, into a PNG. Raises OutputError."""
+    """Draw the charts, one below the other, into a PNG. Raises OutputError; UsageError for a grid that is a line."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 0.8 + 3.5 * len(charts)), layout="constrained")
+    heights = [_height(robot, chart) for chart in charts]
+    across = max(len(_views(chart)) for chart in charts)
+    figure = Figure(figsize=(max(7.0, 1.4 + PANEL * across), 0.8 + sum(heights)), layout="constrained")
     FigureCanvasAgg(figure)
-    rows = figure.subfigures(len(charts), 1, squeeze=False)[:, 0]
+    rows = figure.subfigures(len(charts), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, chart in zip(rows, charts, strict=True):
         _draw(row, robot, chart)
     figure.suptitle(title, fontsize="medium")
@@ -75,7 +79,7 @@ def _draw(figure: Any, robot: Robot, chart: Chart) -> None:
     name, unit, colours = LABELS[chart.key]
     known = values[np.isfinite(values)]
     norm = Normalize(known.min(), known.max()) if len(known) else Normalize(0, 1)     # one for all panels and the bar
-    views = [view for view in VIEWS if min(values.shape[view[0]], values.shape[view[1]]) > 1]
+    views = _views(chart)
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     for axes, (across, up, where) in zip(panels, views, strict=True):
         off = 3 - across - up
@@ -86,8 +90,23 @@ def _draw(figure: Any, robot: Robot, chart: Chart) -> None:
         axes.set(xlabel=f"{'xyz'[across]}, mm", ylabel=f"{'xyz'[up]}, mm", xlim=limits[across], ylim=limits[up])
         axes.set_title(f"{where}, cut at {'xyz'[off]} = {cut[off]:.0f} mm", fontsize="small")
         axes.set_aspect("equal")
+        axes.locator_params(nbins=5)
     figure.colorbar(image, ax=panels, label=f"{name}, {unit}", shrink=0.9)
     figure.suptitle(chart.title or f"{name}, by place of the platform", fontsize="medium", x=0.01, ha="left")
+
+
+def _views(chart: Chart) -> list[tuple[int, int, str]]:
+    """Those along which the map has more than a line of nodes: one for a robot in a plane."""
+    found = [view for view in VIEWS if min(chart.value.shape[view[0]], chart.value.shape[view[1]]) > 1]
+    if not found:
+        raise UsageError("A picture needs a grid that is more than a line of nodes: a smaller step, or a wider box.")
+    return found
+
+
+def _height(robot: Robot, chart: Chart) -> float:
+    """Inches a row of panels takes with its titles and labels."""
+    sides = np.ptp(_limits(robot, chart.grid), axis=1)
+    return 1.1 + (PANEL - 0.8) * min(2.0, max(sides[up] / sides[across] for across, up, _ in _views(chart)))
 
 
 def _slice(
