@@ -1,0 +1,248 @@
+"""Findings in words: what the checks found, with layer, place, cable, value, limit, and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabslice.arrays import Array
+from cabslice.feasibility.distance import PRECISION, sweep_gap
+from cabslice.feasibility.exits import exit_points, lines_at, offsets
+from cabslice.feasibility.findings import Finding
+from cabslice.feasibility.judges import judged_pairs, pair_limits
+from cabslice.feasibility.obstacles import Moves, Obstacles, depths, section
+from cabslice.feasibility.survey import Survey
+from cabslice.feasibility.sweep import Contacts
+from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.tension import least_violation
+from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.toolpath.path import Toolpath
+
+LOOKED_AT = 200      # places at which the depth of a cable in the part is worked out
+ALONG = np.linspace(0.0, 1.0, 9)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is checked: all that sentences need."""
+
+    toolpath: Toolpath
+    robot: Robot
+    moves: Moves
+
+    def layer(self, move: int) -> int:
+        return int(self.toolpath.layer[self.moves.move[move]])
+
+
+def place_of(layer: int, xyz: Array) -> str:
+    return f"layer {layer} ({xyz[2]:.4g} mm)"
+
+
+def _at(xyz: Array) -> str:
+    return f"with the nozzle at x {xyz[0]:.1f} y {xyz[1]:.1f} mm"
+
+
+def _triple(xyz: Array) -> tuple[float, float, float]:
+    return float(xyz[0]), float(xyz[1]), float(xyz[2])
+
+
+def nozzle_findings(toolpath: Toolpath, robot: Robot) -> list[Finding]:
+    """Nozzle outside the bed plate, or below it: the worst of each axis."""
+    assert robot.bed_size is not None
+    found = []
+    for axis, name in enumerate("xy"):
+        half = float(robot.bed_size[axis]) / 2
+        row = int(np.abs(toolpath.xyz[:, axis]).argmax())
+        value, xyz = float(toolpath.xyz[row, axis]), toolpath.xyz[row]
+        if abs(value) > half + PRECISION:
+            layer = int(toolpath.layer[row])
+            sentence = (
+                f"{place_of(layer, xyz)}: the nozzle leaves the bed plate, {name} {value:.2f} mm "
+                f"where it ends at {np.copysign(half, value):.2f} mm."
+            )
+            span = float(np.ptp(toolpath.xyz[:, axis]))
+            fits = f"Shift the part along {name}" if span <= 2 * half else "Turn the part or make it smaller"
+            found.append(Finding("bed", layer, _triple(xyz), 0, abs(value), half, "mm", sentence, fits + "."))
+    row = int(toolpath.xyz[:, 2].argmin())
+    xyz, layer = toolpath.xyz[row], int(toolpath.layer[row])
+    if xyz[2] < -PRECISION:
+        sentence = f"{place_of(layer, xyz)}: the nozzle is {-xyz[2]:.3f} mm below the bed, {_at(xyz)}."
+        found.append(Finding(
+            "bed", layer, _triple(xyz), 0, float(xyz[2]), 0.0, "mm", sentence, "Place the part on z = 0."
+        ))
+    return found
+
+
+def pulley_findings(job: Job, survey: Survey) -> list[Finding]:
+    """Attachments inside their pulleys or on their anchors: one finding a cable."""
+    found, cables = [], job.robot.cables
+    for cable in range(cables):
+        column = cable if survey.worst[cable] < survey.worst[cables + cable] else cables + cable
+        if survey.worst[column] < 0:
+            xyz, layer, radius = survey.where[column], job.layer(survey.move[column]), job.robot.pulley_radii[cable]
+            value = float(survey.worst[column] + radius)
+            sentence = (
+                f"{place_of(layer, xyz)}: cable {cable + 1} cannot leave its pulley, its attachment is {value:.2f} mm "
+                f"from the {'swivel axis' if column < cables else 'pulley centre'} (limit {radius:.2f} mm) {_at(xyz)}."
+            )
+            found.append(Finding(
+                "pulley", layer, _triple(xyz), cable + 1, value, float(radius), "mm", sentence,
+                "Move the part away from this pulley, or make it smaller.",
+            ))
+    return found
+
+
+def end_findings(job: Job, survey: Survey, grow: Array) -> list[Finding]:
+    """Exit points or attachments at the bed plate: one finding a cable."""
+    found, cables = [], job.robot.cables
+    for cable in range(cables):
+        column = cable if survey.worst[cable] < survey.worst[cables + cable] else cables + cable
+        if survey.worst[column] < 0:
+            xyz, layer = survey.where[column], job.layer(survey.move[column])
+            value, end = float(survey.worst[column] + grow[cable]), "pulley" if column < cables else "platform"
+            state = f"{value:.2f} mm from" if value > 0 else f"{-value:.2f} mm inside"
+            sentence = (
+                f"{place_of(layer, xyz)}: the {end} end of cable {cable + 1} is {state} the bed plate "
+                f"(limit {grow[cable]:.2f} mm) {_at(xyz)}."
+            )
+            found.append(Finding(
+                "cable-end", layer, _triple(xyz), cable + 1, value, float(grow[cable]), "mm", sentence,
+                "The bed of this printer profile is too large, or too high, for its cables.",
+            ))
+    return found
+
+
+def pair_findings(job: Job, survey: Survey) -> list[Finding]:
+    """Cables too near to each other: one finding a pair, under the first of the two."""
+    found = []
+    for (one, other), limit, worst, xyz, move in zip(
+        judged_pairs(job.robot) + 1, pair_limits(job.robot), survey.worst, survey.where, survey.move, strict=True
+    ):
+        if worst < 0:
+            layer, value = job.layer(move), float(worst + limit)
+            sentence = (
+                f"{place_of(layer, xyz)}: cables {one} and {other} come within {value:.2f} mm of each other "
+                f"(limit {limit:.2f} mm between centre lines) {_at(xyz)}."
+            )
+            found.append(Finding(
+                "cable-cable", layer, _triple(xyz), int(one), value, float(limit), "mm", sentence,
+                "Shift or turn the part, or make it smaller or lower: these cables meet where the platform is here.",
+            ))
+    return sorted(found, key=lambda finding: finding.value - finding.limit)
+
+
+def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
+    """No feasible tension: the worst place met, the cable that misses its bounds most, and the first layer."""
+    robot, xyz, layer = job.robot, survey.where[0], job.layer(survey.move[0])
+    poses, lines = nozzle_poses(robot, xyz[None]), lines_at(robot, xyz[None])
+    wrench = wrench_matrix(robot, poses, masked=True, lines=lines)
+    needed = required_wrench(robot, poses, masked=True)
+    tension = least_violation(
+        wrench, needed, robot.tension_min, robot.tension_max, robot.tension_reference
+    ).tension[0]
+    begin = job.layer(first)
+    where, since = f"{place_of(layer, xyz)}: ", "" if begin == layer else f"; the first layer without is {begin}"
+    advice = "Move the part towards the middle of the bed, turn it, or make it smaller or lower."
+    if not np.isfinite(tension).all():
+        sentence = f"{where}the cables do not hold the platform at all (singular pose) {_at(xyz)}{since}."
+        limit = float(robot.tension_min.max())
+        return Finding("tension", layer, _triple(xyz), 0, 0.0, limit, "N", sentence, advice)
+    missing = np.maximum(robot.tension_min - tension, tension - robot.tension_max)
+    cable = int(missing.argmax())
+    slack = tension[cable] < robot.tension_min[cable]
+    limit = float((robot.tension_min if slack else robot.tension_max)[cable])
+    sentence = (
+        f"{where}no tension within the bounds holds the platform {_at(xyz)}: at best cable {cable + 1} needs "
+        f"{tension[cable]:.2f} N ({'at least' if slack else 'at most'} {limit:.2f} N allowed){since}."
+    )
+    return Finding("tension", layer, _triple(xyz), cable + 1, float(tension[cable]), limit, "N", sentence, advice)
+
+
+def contact_findings(
+    job: Job, contacts: Contacts, moves: Moves, beads: Obstacles, grow: Array, code: str
+) -> list[Finding]:
+    """Cables at the part (code "cable-part") or at the bed plate ("cable-bed"): one finding a cable, worst first.
+
+    moves, beads: the items of the trees the contacts were found with.
+    """
+    views = _Views(beads)
+    found = [
+        _contact(job, contacts, np.flatnonzero(contacts.cable == cable), moves, beads, views, grow, code)
+        for cable in np.unique(contacts.cable)
+    ]
+    return sorted(found, key=lambda finding: finding.value - finding.limit)
+
+
+def _contact(
+    job: Job, contacts: Contacts, rows: Array, moves: Moves, beads: Obstacles, views: _Views, grow: Array, code: str
+) -> Finding:
+    cable = int(contacts.cable[rows[0]])
+    inside = rows[contacts.gap[rows] <= PRECISION]
+    worst, value = int(rows[contacts.gap[rows].argmin()]), float(contacts.gap[rows].min())
+    if len(inside) and code == "cable-part":
+        some = inside[np.unique(np.linspace(0, len(inside) - 1, LOOKED_AT).astype(int))]
+        deep = views.depth(job.robot, moves.take(contacts.move[some]), beads.take(contacts.bead[some]), cable)
+        worst, value = int(some[deep.argmax()]), -float(deep.max())
+    move, bead = moves.take(contacts.move[[worst]]), beads.take(contacts.bead[[worst]])
+    xyz = _nearest_place(job.robot, move, bead, cable)
+    layers = job.toolpath.layer[moves.move[contacts.move[rows]]]
+    layer, first, limit = int(job.toolpath.layer[move.move[0]]), int(layers[0]), float(grow[cable])
+    what = "the part" if code == "cable-part" else "the bed plate"
+    state = f"comes within {value:.2f} mm of {what}" if value > 0 else f"cuts {-value:.2f} mm into {what}"
+    if value == 0:
+        state = f"meets {what}"
+    sentence = (
+        f"{place_of(layer, xyz)}: cable {cable + 1} {state} (limit {limit:.2f} mm) {_at(xyz)}; "
+        f"{len(np.unique(contacts.move[rows]))} moves in layers {layers.min()} to {layers.max()} are blocked by it."
+    )
+    advice = _advice(job, beads, int(moves.stage[contacts.move[rows[0]]]), first, xyz, cable, code)
+    return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice)
+
+
+def _advice(job: Job, beads: Obstacles, stage: int, first: int, xyz: Array, cable: int, code: str) -> str:
+    """Farther from its pulley a cable runs flatter and crosses the heights of the part farther from the nozzle."""
+    away = xyz[:2] - exit_points(job.robot, xyz[None])[0, cable, :2]
+    towards = " ".join(f"{name}{'+' if way > 0 else '-'}" for name, way in zip("xy", away, strict=True)
+                       if abs(way) > 0.4 * float(np.linalg.norm(away)))
+    if code == "cable-bed":
+        return f"Shift the part towards {towards}, away from the pulley of this cable, or make it smaller."
+    below = beads.top[beads.stage < stage]
+    free = f"Up to {below.max():.4g} mm (below layer {first}) this cable is clear. " if len(below) else ""
+    return f"{free}A lower part, a turn about z, or a shift towards {towards}, away from its pulley, would help."
+
+
+def _nearest_place(robot: Robot, move: Moves, bead: Obstacles, cable: int) -> Array:
+    """Where on a move (one row) the cable is nearest to the bead."""
+    xyz = move.start + ALONG[:, None] * (move.end - move.start)
+    tips, exits = xyz + offsets(robot)[cable], exit_points(robot, xyz)[:, cable]
+    gap, _ = sweep_gap(exits, tips, tips, bead.take(np.zeros(len(xyz), int)), np.full(len(xyz), np.inf))
+    return xyz[gap.argmin()]
+
+
+class _Views:
+    """Plan views of the stages of a print, drawn when first asked for."""
+
+    def __init__(self, beads: Obstacles) -> None:
+        self.beads, self.drawn = beads, {}          # type: ignore[var-annotated]
+
+    def depth(self, robot: Robot, moves: Moves, beads: Obstacles, cable: int) -> Array:
+        """How far inside the plan view of the stage of its bead (row by row) a cable runs, mm."""
+        middle = (moves.start + moves.end) / 2
+        tips, exits = middle + offsets(robot)[cable], exit_points(robot, middle)[:, cable]
+        rise = tips[:, 2] - exits[:, 2]
+        share = ((beads.low + beads.top) / 2 - exits[:, 2]) / np.where(rise == 0, 1.0, rise)
+        crossing = exits + np.clip(share, 0.0, 1.0)[:, None] * (tips - exits)
+        deep = np.zeros(len(beads))
+        for stage in self._chosen(beads.stage):
+            if stage not in self.drawn:
+                self.drawn[stage] = section(self.beads.take(np.flatnonzero(self.beads.stage == stage)))
+            rows = np.flatnonzero(beads.stage == stage)
+            deep[rows] = depths(self.drawn[stage], crossing[rows, :2])
+        return deep
+
+    @staticmethod
+    def _chosen(stages: Array, count: int = 20) -> Sequence[int]:
+        found = np.unique(stages)
+        return found[np.unique(np.linspace(0, len(found) - 1, count).astype(int))].tolist()
