@@ -190,7 +190,8 @@ def test_a_filled_starter_is_a_right_profile(here):
     printer, model = shelf.load_printer(write(here, text)), shelf.load_printer("cabfab-init")
     assert printer.platform == model.platform
     assert printer.cable[1:] != model.cable[1:]            # optional keys were left out: pulleys of radius 0
-    sets = ["cables.pulley.groove_radius_mm=25", "cables.winder.routing=crossed"]
+    sets = ["cables.pulley.groove_radius_mm=25", "cables.winder.routing=crossed",
+            "cables.damping={frequency_hz=[1, 40], damping_n_s=[72, 1.44]}"]
     printer = shelf.load_printer(here / "mine.toml", sets)
     assert printer.cable == model.cable
 

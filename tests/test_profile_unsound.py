@@ -1,4 +1,4 @@
-"""Robots that cannot be: refused with a sentence by `profile check` (exit 3), and at a pose by robot and command (4)."""
+"""Robots that cannot be: refused with sentences by `profile check` (exit 3), and at a pose by robot and command (4)."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_cable_through_the_platform(tmp_path, capsys):
     assert [line.split(": ")[2].split(" it dips")[0] for line in said.splitlines()] == [
         "cable 1 runs through the platform", "cable 3 runs through the platform"]
     robot = robot_from_printer(shelf.load_printer(path))
-    with pytest.raises(PoseError, match="cable 1 runs through the platform: it dips .* deg into the hull") as caught:
+    with pytest.raises(PoseError, match=r"cable 1 runs through the platform: it dips .* deg into the hull") as caught:
         require_sound(robot, robot.home)
     assert caught.value.details["cable"] == 1
     assert caught.value.exit_code == 4

@@ -210,7 +210,7 @@ class Damping(Table):
     """Kelvin-Voigt damping: a cable of rest length l0 damps with c = damping_n_s / l0."""
 
     frequency_hz: list[Positive] = Field(min_length=1, description="of the vibration, rising")
-    damping_n_s: list[NotNegative] = Field(
+    damping_n_s: list[Positive] = Field(
         min_length=1,
         description="there, viscosity times section: N per 1/s of strain; a power law between, constant beyond",
     )
