@@ -21,11 +21,12 @@ import numpy as np
 from scipy.optimize import least_squares, linprog
 from scipy.spatial.transform import Rotation
 
+from cabslice.cli.asked import frame
 from cabslice.profile import shelf
 from cabslice.robot import workspace
 from cabslice.robot.forward import forward
 from cabslice.robot.kinematics import cables, jacobian, lengths
-from cabslice.robot.model import Robot, robot_from_printer
+from cabslice.robot.model import NEWTON, Robot, robot_from_printer
 from cabslice.robot.reach import facets
 from cabslice.robot.stiffness import gravity_stiffness, modes, stiffness
 from cabslice.robot.tension import nearest_tension
@@ -59,7 +60,7 @@ class Line:
 
 def prepare(robot: Robot, count: int) -> Job:
     random = np.random.default_rng(1)
-    low, high = robot.anchors.min(axis=0), robot.anchors.max(axis=0)
+    low, high = frame(robot)
     poses = np.zeros((4 * count, 6))
     poses[:, :3] = (low + high) / 2 + 0.6 * (random.random((len(poses), 3)) - 0.5) * (high - low)
     poses[:, 3:] = random.uniform(-0.02, 0.02, (len(poses), 3))
@@ -160,7 +161,11 @@ def loop_modes(job: Job) -> None:
             stiff += arm.T @ _lateral(robot, i, pose, unit[i], lever[i], tension) @ arm
             stiff[3:, 3:] -= tension * _cross_matrix(unit[i]) @ _cross_matrix(lever[i])
         turn = Rotation.from_rotvec(pose[3:]).as_matrix()
-        mass[:3, :3], mass[3:, 3:] = robot.mass * np.eye(3), turn @ robot.inertia @ turn.T
+        offset, weight = turn @ robot.centre_of_mass, NEWTON * robot.mass * robot.gravity
+        stiff[3:, 3:] += (weight @ offset) * np.eye(3) - np.outer(offset, weight)
+        arm = _cross_matrix(offset)
+        mass[:3, :3], mass[:3, 3:], mass[3:, :3] = robot.mass * np.eye(3), -robot.mass * arm, robot.mass * arm
+        mass[3:, 3:] = turn @ robot.inertia @ turn.T - robot.mass * arm @ arm
         values = eigh((stiff + stiff.T) / 2, mass, eigvals_only=True)
         assert np.allclose(np.sqrt(values * 1e3) / (2 * np.pi), hertz[k], rtol=1e-6)
 
@@ -221,8 +226,9 @@ def measure(line: Line, job: Job, repeats: int) -> tuple[float, float]:
 
 
 def measure_grid(robot: Robot, repeats: int) -> tuple[float, float]:
-    """Seconds for GRID^3 nodes: ours, and linprog's by its first nodes spread over the grid."""
-    grid = workspace.frame_grid(robot, count=GRID)
+    """Seconds for GRID^3 nodes: ours, and linprog's from some of the nodes inside."""
+    x, y, z = np.linspace(*frame(robot), GRID).T
+    grid = workspace.Grid(x, y, z, turn=np.zeros(3))
     ours = best(lambda: workspace.survey(robot, grid, workspace.feasible_margin), repeats)
     inside = workspace.survey(robot, grid, workspace.feasible_margin).inside.ravel()
     chosen = np.random.default_rng(2).choice(np.flatnonzero(inside), PEER_POSES, replace=False)
@@ -250,6 +256,9 @@ def main() -> int:
     given = parser.parse_args()
     robot = robot_from_printer(shelf.load_printer(given.printer))
     job = prepare(robot, given.poses)
+    if len(job.poses) < PEER_POSES:
+        print(f"{robot.name}: tensions exist at only {len(job.poses)} of the poses tried: nothing to measure")
+        return 1
     print(f"{robot.name}: {robot.cables} cables, pulleys, {len(job.poses)} poses, best of {given.repeats}, one core")
     print(f"{'':<22} {'ours':>9}    {'target':>9} {'ratio':>8}  {'':<7}{'peer':<14} {'peer':>12} {'slower':>10}")
     good = True
