@@ -27,7 +27,7 @@ class Shapes:
         self.sizes: dict[str, int] = {}
 
     def column(self, name: str, values: Any, shape: str, dtype: Any = np.float64, *, finite: bool = True) -> Array:
-        """A read-only contiguous copy-if-needed of `values`, or ValueError naming owner, column and what was expected."""
+        """A read-only contiguous copy-if-needed of `values`; ValueError names owner, column and what was expected."""
         array = np.ascontiguousarray(values, dtype=dtype)
         wanted = shape.split()
         if array.ndim != len(wanted):
