@@ -74,10 +74,26 @@ def intersection(region: Region, other: Region) -> Region:
 
 def opening(region: Region, radius: float) -> Region:
     """What of the region is wider than 2 radius (mm); sharp corners stay."""
+    if _largest_outline(region) < pi * radius**2:
+        return Region()
     core = offset(region, -radius, round_corners=True)  # a mitre would take away what is wide enough
     if core.is_empty():
         return core
     return intersection(offset(core, radius), region)
+
+
+def _largest_outline(region: Region) -> float:
+    """mm^2, without its holes: no disc in the region is larger."""
+    points, starts = to_rings(region)
+    return float(ring_areas(points, starts).max(initial=0.0))
+
+
+def ring_areas(points: Array, starts: Array) -> Array:
+    """(R,) mm^2 of rings without empty ones; holes are negative."""
+    if len(starts) < 2:
+        return np.zeros(0)
+    ahead = points[following(starts)]
+    return np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1]) / 2
 
 
 def pieces(region: Region) -> list[Region]:

@@ -36,6 +36,7 @@ REACH = 0.5      # of a bead's radius: how far its free ends run on, between bea
 REACH_OUTER = 0.25   # and at the part's surface
 THIN_CORRECTION = 0.15   # share by which the volume of beads in strips may be corrected
 
+COARSE = 0.05        # of the bead: detail of neighbouring layers that does not make a skin
 TOGETHER = 8         # layers whose strips are filled in one go
 
 Progress = Callable[[int, int], None]
@@ -64,7 +65,7 @@ def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Pro
         for points, starts in cut(part.vertices, part.faces, heights.plane)
     )
     pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
-    near = neighbours(outlines, process.top_layers, process.bottom_layers)
+    near = neighbours(outlines, process.top_layers, process.bottom_layers, COARSE * process.bead_mm)
     laid = False
     while some := [_layer(each, heights, process, nozzle_mm, pitch) for each in islice(near, TOGETHER)]:
         _lay_strips(some, nozzle_mm)

@@ -42,19 +42,25 @@ class Neighbours:
     common: Region
 
 
-def neighbours(outlines: Iterable[Region], top_layers: int, bottom_layers: int) -> Iterator[Neighbours]:
-    """One per outline, in order; holds top_layers + bottom_layers + 1 outlines at a time."""
-    window: deque[Region] = deque()
+def neighbours(
+    outlines: Iterable[Region], top_layers: int, bottom_layers: int, coarse_mm: float = 0.0
+) -> Iterator[Neighbours]:
+    """One per outline, in order; holds top_layers + bottom_layers + 1 outlines at a time.
+
+    All but the outline itself are simplified by coarse_mm.
+    """
+    window: deque[tuple[Region, Region]] = deque()
     common = RunningIntersection()
     index = 0
     for outline in chain(repeat(Region(), bottom_layers), outlines, repeat(Region(), top_layers)):
-        window.append(outline)
-        common.push(outline)
+        rough = outline.simplify(coarse_mm) if coarse_mm else outline
+        window.append((outline, rough))
+        common.push(rough)
         if len(window) <= top_layers + bottom_layers:
             continue
-        above = window[bottom_layers + 1] if top_layers else None
-        below = window[bottom_layers - 1] if bottom_layers and index else None
-        yield Neighbours(index, window[bottom_layers], above, below, common.value())
+        above = window[bottom_layers + 1][1] if top_layers else None
+        below = window[bottom_layers - 1][1] if bottom_layers and index else None
+        yield Neighbours(index, window[bottom_layers][0], above, below, common.value())
         index += 1
         window.popleft()
         common.pop()

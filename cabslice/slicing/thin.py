@@ -12,7 +12,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.slicing.medial import MedialLines, medial_lines
-from cabslice.slicing.region import Region, contains, following, to_rings
+from cabslice.slicing.region import Region, contains, following, ring_areas, to_rings
 
 JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
 DOT = 0.3        # of d: a shorter line is none
@@ -215,8 +215,7 @@ def _spots(
 
     A dot is a line half as long as it is wide.
     """
-    ahead = points[following(starts)]
-    area = np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1]) / 2
+    area = ring_areas(points, starts)
     owner = _owners(points, starts, area, group)
     whole = np.bincount(owner, area, len(area))
     held = np.bincount(owner[[line.ring for line in lines]], [line.area for line in lines], len(area))

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from cabslice.slicing.flow import bead_spacing
 from cabslice.slicing.region import Region, difference, intersection, offset, opening
 
+COARSE = 0.05   # of a spacing: detail that fill lines need not follow
+
 
 @dataclass(frozen=True)
 class Wall:
@@ -44,14 +46,14 @@ def walls(
     core = offset(wide, -fill_spacing_mm)
     if not core.is_empty() and _comes_back(outline, offset(core, depth + fill_spacing_mm), thinnest_mm):
         simple = [Wall(lines, width, Region()) for lines, width in _simple(outline, steps, widths_mm)]
-        return simple, Inside(wide, Region())
+        return simple, Inside(wide.simplify(COARSE * fill_spacing_mm), Region())
     levels = []
     room = outline
     for (outer, inner), width in zip(steps, widths_mm, strict=True):
         lines, thin, room = _level(room, outer, inner, thinnest_mm)
         levels.append(Wall(lines, width, thin))
     wide = opening(room, fill_spacing_mm)
-    return levels, Inside(wide, thin_parts(room, wide, thinnest_mm))
+    return levels, Inside(wide.simplify(COARSE * fill_spacing_mm), thin_parts(room, wide, thinnest_mm))
 
 
 def _comes_back(outline: Region, grown_core: Region, thinnest: float) -> bool:
