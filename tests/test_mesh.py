@@ -71,7 +71,7 @@ def test_broken_file_is_mended_in_sentences_or_refused_with_one(path):
 def test_known_volumes_of_broken_files():
     for name, whole, least in (
         ("cube_missing_corner", 51.19906**3, 0.96), ("missing_triangle", 1000, 1.0), ("moved_plane", 1000, 1.0),
-        ("cube_and_plane", 1000, 1.0), ("open_cube_stuck_to_side", 9000, 1.0),
+        ("cube_and_plane", 1000, 1.0), ("extra_surface", 10239.52, 1.0), ("open_cube_stuck_to_side", 9000, 1.0),
     ):
         part = load_mesh(MODELS / "broken" / f"{name}.stl")
         held = volume(part.vertices, part.faces)
@@ -175,6 +175,20 @@ def test_a_loose_sheet_is_left_out_and_a_heap_of_sheets_refused():
     assert any("Left out 1 surface without thickness" in sentence for sentence in repairs)
     with pytest.raises(ModelError, match="wide open"):
         mend(np.concatenate([sheet + np.array([0, 0, 20 * k]) for k in range(9)]), "sheets")
+
+
+def test_a_flap_is_left_out_but_a_holey_neighbour_is_closed():
+    """Both hang on the body along an edge; one is a surface, the other a box that lacks a side's half."""
+    whole = box((0, 0, 0), (10, 10, 10))
+    flap = np.array([[[10, 10, 0], [16, 12, 0], [16, 12, 10]], [[10, 10, 0], [16, 12, 10], [10, 10, 10]]], float)
+    vertices, faces, repairs = mend(np.concatenate((whole, flap)), "box")
+    assert volume(vertices, faces) == pytest.approx(1000)
+    assert len(faces) == 12
+    assert "Left out 2 triangles" in repairs[0]
+    holey = np.delete(box((10, 10, 0), (15, 15, 10)), 3, axis=0)
+    vertices, faces, repairs = mend(np.concatenate((whole, holey)), "boxes")
+    assert volume(vertices, faces) == pytest.approx(1250)
+    assert "Closed 1 hole" in repairs[0]
 
 
 @pytest.mark.parametrize(("spoil", "words"), [

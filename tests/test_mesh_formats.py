@@ -1,7 +1,9 @@
 """File formats: the same body in, whatever the file."""
 
+import importlib.util
 import io
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from cabslice.mesh.load import load_mesh
 from cabslice.mesh.stl import read_stl
 from cabslice.mesh.topology import signed_volumes
 
+SAMPLES = Path(__file__).parents[1] / "samples"
 BODY = trimesh.creation.box((2, 3, 4))
 BODY.apply_translation((5, 1, 2))
 
@@ -131,3 +134,16 @@ def test_many_solids_in_one_obj(tmp_path):
         text.write("".join("f {} {} {}\n".format(*(f + 1 + 8 * k)) for f in mesh.faces))
     path.write_text(text.getvalue())
     assert volume(load_mesh(path)) == pytest.approx(48)
+
+
+def test_samples_are_what_their_script_makes(tmp_path):
+    spec = importlib.util.spec_from_file_location("make", SAMPLES / "make.py")
+    make = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make)
+    make.main(tmp_path)
+    made = sorted(path.name for path in tmp_path.iterdir())
+    assert made == sorted(path.name for path in SAMPLES.glob("*.stl"))
+    for name in made:
+        assert (tmp_path / name).read_bytes() == (SAMPLES / name).read_bytes()
+        assert (tmp_path / name).stat().st_size < 100_000
+        assert load_mesh(tmp_path / name).repairs == ()

@@ -51,12 +51,12 @@ def test_walls_and_what_they_leave_fill_the_outline(shape, number):
     outline = region_of(shape)
     levels, inside = walls(outline, (0.45,) * number, **LINE)
     spacing = LINE["fill_spacing_mm"]
-    held, scallop = inside.wide.area() + inside.thin.area(), 0.0
+    held, scallop, around = inside.wide.area() + inside.thin.area(), 0.0, shape
     for k, level in enumerate(levels):
         ring = shape_of(*to_rings(level.lines))
-        room = shape.buffer(-0.222) if k == 0 else ring_before.buffer(0.003 - spacing)
+        room = around.buffer(0.003 - spacing if k else -0.222)
         assert ring.difference(room).area < 1e-6             # never nearer to the edge, or to the wall outside
-        ring_before = ring
+        around = ring
         held += level.thin.area() + spacing * ring.length
         scallop += (0.45 - spacing) / 2 * ring.length * (k == 0)
     hairs = shape.area - shape.buffer(-0.0601).buffer(0.0601).area

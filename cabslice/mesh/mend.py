@@ -9,10 +9,22 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.mesh.holes import fill_holes
-from cabslice.mesh.topology import areas, bodies, edge_balance, proper_faces, signed_volumes, weld, winding_number
+from cabslice.mesh.topology import (
+    areas,
+    bodies,
+    edge_balance,
+    patches,
+    proper_faces,
+    signed_volumes,
+    weld,
+    winding_number,
+)
 
 WELD_STEPS = (1e-7, 1e-6, 1e-5, 1e-4)  # of the diagonal: how far apart points on open edges may be to be one
 NO_VOLUME = 1e-9                       # of area^1.5: a body with less is a sheet, not a body
+FLAP = 0.2                             # share of new surface from which a closed patch would be an invention
+MOST_FLAPS = 200
+FLAPS = 0.35                           # share of the surface that flaps may have
 MOST_NEW_SURFACE = 0.5                 # a body of which more than this would be invented is not mended
 
 
@@ -81,9 +93,10 @@ def _close(mesh: _Mesh, name: str) -> None:
     _weld_near(mesh)
     _drop_doubles(mesh)
     _wind_alike(mesh)
+    _drop_flaps(mesh)
     left = mesh.open_edges()
     if left < start:
-        mesh.repairs.append(f"Open edges before welding and turning: {start}, after: {left}.")
+        mesh.repairs.append(f"Open edges in the file: {start}, after this: {left}.")
     old_count = len(mesh.faces)
     mesh.vertices, mesh.faces, holes = fill_holes(mesh.vertices, mesh.faces)
     if holes:
@@ -178,6 +191,37 @@ def _wind_alike(mesh: _Mesh) -> None:
         turned = int((trial.faces != mesh.faces).any(1).sum())
         mesh.repairs.append(f"Turned {count(turned, 'triangle')} to face the same way as their neighbours.")
         mesh.faces = trial.faces
+
+
+def _drop_flaps(mesh: _Mesh) -> None:
+    """Leave out open surfaces that hang on a body along an edge, if the rest is more closed without them.
+
+    A flap is no body with a hole in it: closing it alone would take a lot of new surface.
+    """
+    patch, crowded = patches(mesh.faces, len(mesh.vertices))
+    area = areas(mesh.vertices, mesh.faces)
+    total = np.bincount(patch, area)
+    kept = np.ones(len(mesh.faces), dtype=bool)
+    low, high, _ = edge_balance(mesh.faces, len(mesh.vertices))
+    rim = np.zeros(len(mesh.vertices), dtype=bool)
+    rim[low], rim[high] = True, True
+    hanging = np.intersect1d(patch[crowded], patch[rim[mesh.faces].sum(1) > 1])
+    for p in hanging[np.argsort(total[hanging], kind="stable")][:MOST_FLAPS]:
+        mine = patch == p
+        if area[~kept].sum() + total[p] > FLAPS * area.sum():
+            break
+        vertices, faces, holes = fill_holes(mesh.vertices, mesh.faces[mine])
+        new = areas(vertices, faces[mine.sum() :]).sum()
+        trial, now = (_Mesh(mesh.vertices, mesh.faces[which], []).open_edges() for which in (kept & ~mine, kept))
+        if holes and new > FLAP * (new + total[p]) and trial < now:
+            kept &= ~mine
+    if not kept.all():
+        lost = area[~kept].sum()
+        mesh.repairs.append(
+            f"Left out {count(int((~kept).sum()), 'triangle')} of open surface hanging on a body, {lost:.4g} mm2"
+            f" ({100 * lost / area.sum():.2g} % of the surface)."
+        )
+        mesh.faces = mesh.faces[kept]
 
 
 def _drop_sheets(mesh: _Mesh, old_count: int, name: str) -> None:

@@ -67,8 +67,28 @@ def edge_balance(faces: Array, vertex_count: int) -> tuple[Array, Array, Array]:
 
 def bodies(faces: Array, vertex_count: int) -> tuple[Array, int]:
     """Connected bodies (sharing vertices): label (F,) 0..count-1 in order of first face, and their count."""
-    label = np.arange(vertex_count)
-    links = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]]))
+    label = _joined(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]])), vertex_count)
+    first, of_face = _groups(label[faces[:, 0]])
+    return of_face, len(first)
+
+
+def patches(faces: Array, vertex_count: int) -> tuple[Array, Array]:
+    """Faces connected over edges of exactly two faces: label (F,) 0..count-1; and (F,) whether at an edge of more."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    key = np.minimum(start, end) * vertex_count + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    opens = np.flatnonzero(np.concatenate(([True], key[order][1:] != key[order][:-1])))
+    count = np.diff(np.append(opens, len(key)))
+    pairs = opens[count == 2]
+    label = _joined(np.stack((order[pairs] // 3, order[pairs + 1] // 3), axis=1), len(faces))
+    crowded = np.zeros(len(faces), dtype=bool)
+    crowded[order[np.repeat(count > 2, count)] // 3] = True
+    return _groups(label)[1], crowded
+
+
+def _joined(links: Array, size: int) -> Array:
+    """(size,) label of what each index hangs together with over the links (P, 2): the lowest index of its group."""
+    label = np.arange(size)
     while True:
         low = np.minimum(label[links[:, 0]], label[links[:, 1]])
         before = label.copy()
@@ -77,9 +97,7 @@ def bodies(faces: Array, vertex_count: int) -> tuple[Array, int]:
         while not np.array_equal(label, label[label]):
             label = label[label]
         if np.array_equal(label, before):
-            break
-    first, of_face = _groups(label[faces[:, 0]])
-    return of_face, len(first)
+            return label
 
 
 def signed_volumes(vertices: Array, faces: Array) -> Array:
