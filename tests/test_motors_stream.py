@@ -17,8 +17,9 @@ from scipy.optimize import linprog
 from cabslice.errors import ImpossibleError, UsageError
 from cabslice.motors.check import played_lengths, verify_stream, wound_since_home
 from cabslice.motors.limits import nozzle_xyz
+from cabslice.motors.machine import CREEP
 from cabslice.motors.statistics import layers_used, statistics
-from cabslice.motors.stream import CREEP, MotorStream, cut, make_stream, rechunk, row_count
+from cabslice.motors.stream import MotorStream, cut, make_stream, rechunk, row_count
 from cabslice.robot import kinematics, winder, wrench
 from cabslice.robot.model import NEWTON
 

@@ -42,17 +42,23 @@ class _Rule:
 
 
 class Limits:
-    """Looks at the blocks of one pass in order. `place(row)` gives layer and nozzle, to name them."""
+    """Looks at the blocks of one pass in order. `place(row)` gives layer and nozzle, to name them.
 
-    def __init__(self, robot: Robot, period_s: float, place: Callable[[int], Place]) -> None:
+    A pass that goes on at row `rows` is told the sum of torque^2 (m,) of the rows before.
+    """
+
+    def __init__(
+        self, robot: Robot, period_s: float, place: Callable[[int], Place], rows: int = 0, squares: Array | None = None
+    ) -> None:
         self.robot, self.period_s, self.place = robot, period_s, place
         self.rules = _rules(robot)
-        self.squares, self.rows = np.zeros(robot.cables), 0
+        self.rows, self.squares = rows, np.zeros(robot.cables) if squares is None else squares
 
     def look_at(self, block: Block) -> None:
         """Raises ImpossibleError with one finding for each limit and cable broken in this block, at its worst row."""
-        self.squares += np.einsum("nm,nm->m", block.torque, block.torque)
-        self.rows += len(block)
+        fresh = block.torque[max(self.rows - block.row, 0):]
+        self.squares = self.squares + np.einsum("nm,nm->m", fresh, fresh)
+        self.rows += len(fresh)
         findings = [finding for rule in self.rules for finding in self._broken(rule, block)]
         if findings:
             raise ImpossibleError(findings[0].sentence, findings)

@@ -68,8 +68,28 @@ class Tally:
         self.rows = 0
         self.peaks: dict[str, Peak] = {}
         self.squares: Array = np.zeros(0)
+        self.squares_before: Array = np.zeros(0)     # without the last block, which began at row
+        self.last = 0
         self.filament: tuple[float, float] | None = None
         self.tail: Array = np.zeros((0, 0))          # last two rows of angles, for the acceleration
+
+    def note(self) -> Any:
+        """All it knows, as JSON; None before the first block."""
+        if not self.rows:
+            return None
+        peaks = {name: [peak.value.tolist(), peak.row.tolist()] for name, peak in self.peaks.items()}
+        squares = [self.squares_before.tolist(), self.squares.tolist()]
+        return {"rows": self.rows, "peaks": peaks, "squares": squares, "filament": self.filament,
+                "tail": self.tail.tolist(), "last": self.last}
+
+    def restore(self, note: Any) -> None:
+        """Know what `note` told, and no more."""
+        if note is None:
+            return
+        self.rows, self.last = note["rows"], note["last"]
+        self.filament, self.tail = tuple(note["filament"]), np.array(note["tail"])
+        self.squares_before, self.squares = map(np.array, note["squares"])
+        self.peaks = {name: Peak(np.array(value), np.array(row)) for name, (value, row) in note["peaks"].items()}
 
     def add(self, block: Block) -> None:
         self._largest("speed", np.abs(block.velocity), block.row)
@@ -80,9 +100,10 @@ class Tally:
         self._largest("angle_min", -block.angle, block.row)
         self._accelerations(block)
         squares = np.einsum("nm,nm->m", block.torque, block.torque)
-        self.squares = squares if not self.rows else self.squares + squares
+        self.squares_before = self.squares if self.rows else np.zeros_like(squares)
+        self.squares = self.squares_before + squares
         self.filament = (self.filament[0] if self.filament else float(block.filament[0]), float(block.filament[-1]))
-        self.rows += len(block)
+        self.rows, self.last = self.rows + len(block), block.row
 
     def _accelerations(self, block: Block) -> None:
         angle = np.concatenate((self.tail, block.angle)) if self.rows else block.angle

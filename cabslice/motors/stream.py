@@ -30,16 +30,16 @@ from cabslice import __version__
 from cabslice.arrays import Array, Shapes, set_columns
 from cabslice.errors import ImpossibleError, PoseError, UsageError
 from cabslice.feasibility.findings import Finding
+from cabslice.motors import machine
 from cabslice.motors.limits import Limits, nozzle_xyz, when_where
 from cabslice.robot import kinematics, tension, winder, wrench
-from cabslice.robot.model import NEWTON, Robot
+from cabslice.robot.model import Robot
 
 SCHEMA = 1
 BLOCK_ROWS = 8192
-CREEP = 1e-3          # rad/s below which friction is faded in
 UNITS = {
     "angle": "rad", "velocity": "rad/s", "torque": "N mm", "tension": "N",
-    "filament": "mm of filament fed since the start", "move": "row of the toolpath",
+    "filament": "mm of filament fed since the start", "feed": "mm/s of filament", "move": "row of the toolpath",
     "pose": "mm, rotation vector rad, machine frame",
 }
 
@@ -55,6 +55,7 @@ class Block:
     tension: Array              # (n, m) N, planned
     filament: Array             # (n,) mm since the start
     move: Array | None = None   # (n,) int64, row of the toolpath
+    feed: Array | None = None   # (n,) mm/s of filament: (filament[i+1] - filament[i-1]) / 2T
 
     def __post_init__(self) -> None:
         shape = Shapes("Block")
@@ -63,6 +64,8 @@ class Block:
         columns["filament"] = shape.column("filament", self.filament, "n")
         if self.move is not None:
             columns["move"] = shape.column("move", self.move, "n", np.int64)
+        if self.feed is not None:
+            columns["feed"] = shape.column("feed", self.feed, "n")
         set_columns(self, **columns)
 
     def __len__(self) -> int:
@@ -80,12 +83,15 @@ class MotorStream:
     """A header and blocks of rows that can be gone through again and again.
 
     header: JSON values only. schema, kind, version, robot, period_s, rows, cables, duration_s, units, start_pose,
-    start_angles_rad, start_tensions_n, largest_radius_mm, and what the caller gave (hashes of part and
-    profiles). Nothing in it depends on clock, user or folder. `blocks` begins a new pass.
+    start_angles_rad, start_tensions_n, largest_radius_mm, machine (see motors.machine), and what the caller gave
+    (hashes of part and profiles). Nothing in it depends on clock, user or folder. `blocks` begins a new pass.
+    `later(row, squares)`, where there is one, begins a pass at a block that holds `row` or ends before it; squares
+    (m,) is the sum of torque^2 of all rows before `row`.
     """
 
     header: Mapping[str, Any]
     blocks: Callable[[], Iterable[Block]]
+    later: Callable[[int, Array], Iterable[Block]] | None = None
 
     def __post_init__(self) -> None:
         plain = json.loads(json.dumps(dict(self.header)), parse_constant=lambda _: None)   # JSON has no infinity
@@ -165,16 +171,16 @@ def make_stream(
     rows = row_count(trajectory.duration, period_s)
     source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers)
 
-    starts = range(0, rows, block_rows)
 
-    def blocks() -> Iterator[Block]:
-        limits = Limits(robot, period_s, source.place)
+    def blocks(row: int = 0, squares: Array | None = None) -> Iterator[Block]:
+        limits = Limits(robot, period_s, source.place, row, squares)
+        starts = range(row // block_rows * block_rows, rows, block_rows)
         for block in _ahead(lambda start: source.block(start, min(start + block_rows, rows)), starts, jobs):
             limits.look_at(block)
             yield block
         limits.finish()
 
-    return MotorStream(_header(header, source), blocks)
+    return MotorStream(_header(header, source), blocks, blocks)
 
 
 def _ahead(make: Callable[[int], Block], starts: Iterable[int], jobs: int) -> Iterator[Block]:
@@ -218,11 +224,10 @@ class _Source:
         samples, planned, angle = self.commanded(self._mirrored(np.arange(start - 1, stop + 1)))
         velocity = (angle[2:] - angle[:-2]) / (2 * self.period_s)
         acceleration = (angle[2:] - 2 * angle[inner] + angle[:-2]) / self.period_s**2
-        torque = winder.transmission(winders, angle[inner]) * planned[inner]
-        torque += winders.inertia * acceleration * NEWTON
-        torque += winders.friction * np.clip(velocity / CREEP, -1, 1)
-        filament, move = samples.filament[inner], samples.move[inner]
-        return Block(start, angle[inner], velocity, torque, planned[inner], filament, move)
+        torque = machine.torque(winders, angle[inner], velocity, acceleration, planned[inner])
+        filament, move = samples.filament, samples.move[inner]
+        feed = (filament[2:] - filament[:-2]) / (2 * self.period_s)
+        return Block(start, angle[inner], velocity, torque, planned[inner], filament[inner], move, feed)
 
     def commanded(self, rows: Array) -> tuple[Any, Array, Array]:
         """Samples, tensions (K, m) and motor angles (K, m) of rows (K,); ImpossibleError where there are none."""
@@ -232,9 +237,9 @@ class _Source:
             matrix = wrench.wrench_matrix(robot, samples.poses, masked=True, lines=lines)
             required = wrench.required_wrench(robot, samples.poses, samples.rates, samples.accels, masked=True)
             bounds = robot.tension_min, robot.tension_max, robot.tension_reference
-            found = tension.nearest(matrix, required, *bounds)
+            found = tension.unmeasured(matrix, required, *bounds)
             if not found.feasible.all():
-                self._refuse_tension(rows, found)
+                self._refuse_tension(rows, tension.nearest(matrix, required, *bounds))
             angle = winder.motor_angles(robot, lines.length, found.tension)
         except PoseError as error:
             self._refuse_pose(rows, error)
@@ -288,5 +293,20 @@ def _header(given: Mapping[str, Any], source: _Source) -> dict[str, Any]:
         "period_s": source.period_s, "rows": source.rows, "cables": robot.cables,
         "duration_s": float(source.trajectory.duration), "start_pose": samples.poses[0].tolist(),
         "start_angles_rad": angle[0].tolist(), "start_tensions_n": planned[0].tolist(),
+        "end_angles_rad": _end_angles(source),
         "largest_radius_mm": float(winder.transmission_bounds(robot.winders)[1].max()),
+        "machine": machine.machine_header(robot, _places(source), angle[0]),
     }
+
+
+def _end_angles(source: _Source) -> list[float] | None:
+    """Where the motors stop; None where the stream will not get there, as going through it tells."""
+    try:
+        return list(source.commanded(np.array([source.rows - 1]))[2][0].tolist())
+    except ImpossibleError:
+        return None
+
+
+def _places(source: _Source) -> Array:
+    """Poses (K, 6) spread over the motion."""
+    return source.at(np.unique(np.linspace(0, source.rows - 1, machine.PLACES).astype(np.int64))).poses

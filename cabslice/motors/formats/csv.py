@@ -3,12 +3,13 @@ r"""Motor streams as text: a header of '# key: value' lines, a line of column na
     # cabslice motor stream
     # cables: 8                         (keys sorted; values are JSON on one line)
     ...
-    t_s,q1_rad,..,qd1_rad_s,..,tau1_n_m,..,f1_n,..,e_mm
+    t_s,q1_rad,..,qd1_rad_s,..,tau1_n_m,..,f1_n,..,e_mm,ed_mm_s
     0.000000,12.345678901,...
     # rows: 512, crc32: 89abcdef        CRC-32 of every byte before this line
 
 Numbers are decimal fixed point without padding, PLACES digits after the point; f is the planned tension, e the filament
-fed since the start, the torque is in N m. The row of the toolpath (`move`) is not in this format. Lines end in \n.
+fed since the start and ed its speed (absent where not known), the torque is in N m. The row of the toolpath (`move`) is
+not in this format. Lines end in \n.
 
 Digits are made for whole blocks at once: integers of value * 10^places are cut into groups of four digits, each looked
 up in a table of characters; leading zeros and absent signs are NUL characters, dropped at the end.
@@ -19,7 +20,7 @@ from __future__ import annotations
 import itertools
 import json
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -28,69 +29,71 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import OutputError, ProductError
-from cabslice.files import atomic
-from cabslice.motors.statistics import StreamStatistics, Tally, observed
-from cabslice.motors.stream import SCHEMA, UNITS, Block, MotorStream, rechunk
+from cabslice.motors.formats import writing
+from cabslice.motors.formats.writing import BLOCK_ROWS, Rows, Sum
+from cabslice.motors.statistics import StreamStatistics
+from cabslice.motors.stream import SCHEMA, UNITS, Block, MotorStream
 
 MAGIC = b"# cabslice motor stream\n"
-BLOCK_ROWS = 8192
-PLACES = {"time": 6, "angle": 9, "velocity": 6, "torque": 6, "tension": 4, "filament": 5}
+PLACES = {"time": 6, "angle": 9, "velocity": 6, "torque": 6, "tension": 4, "filament": 5, "feed": 4}
 N_M = 1e-3                   # N m per N mm
 GROUP = np.uint64(10_000)
 UNITS_HERE = {**UNITS, "torque": "N m"}
 DIGITS = 17                  # of the integer value * 10^places, at most
 
 
-def names(cables: int) -> list[str]:
+def names(cables: int, *, feed: bool = True) -> list[str]:
     """Column names in order."""
     forms = ("q{}_rad", "qd{}_rad_s", "tau{}_n_m", "f{}_n")
-    return ["t_s", *(form.format(cable) for form in forms for cable in range(1, cables + 1)), "e_mm"]
+    last = ["e_mm", "ed_mm_s"] if feed else ["e_mm"]
+    return ["t_s", *(form.format(cable) for form in forms for cable in range(1, cables + 1)), *last]
 
 
 # ---- writing
 
-def write(
-    stream: MotorStream, path: Any, *, overwrite: bool = False, progress: Callable[[int], None] | None = None
-) -> StreamStatistics:
-    """Write a stream under `path` once it is whole ("-": standard output) and return the statistics of its rows.
-
-    `progress` is told the rows written so far. Raises OutputError, and what going through the stream raises.
-    """
-    tally, check = Tally(stream.period_s), 0
-    with atomic(path, overwrite) as file:
-        for part in _parts(stream, tally, progress):
-            check = zlib.crc32(part, check)
-            file.write(part)
-        if tally.rows != stream.rows:
-            raise ValueError(f"the header says {stream.rows} rows, the blocks held {tally.rows}")
-        file.write(b"# rows: %d, crc32: %08x\n" % (tally.rows, check))
-    return tally.result()
+def write(stream: MotorStream, path: Any, **options: Any) -> StreamStatistics:
+    """Write a stream (see writing.write for the options and errors)."""
+    return writing.write(_Encoder(stream), stream, path, **options)
 
 
-def _parts(stream: MotorStream, tally: Tally, progress: Callable[[int], None] | None) -> Iterator[bytes]:
-    yield MAGIC
-    for key, value in sorted({**stream.header, "units": UNITS_HERE}.items()):
-        yield f"# {key}: {json.dumps(value, sort_keys=True, allow_nan=False)}\n".encode("ascii")
-    yield (",".join(names(stream.cables)) + "\n").encode()
-    for block in rechunk(observed(stream, tally), BLOCK_ROWS):
-        yield lines(block, stream.period_s)
-        if progress:
-            progress(tally.rows)
+class _Encoder:
+    name = "csv"
+
+    def __init__(self, stream: MotorStream) -> None:
+        self.stream = stream
+
+    def paths(self, path: Path) -> list[Path]:
+        return [path]
+
+    def head(self, block: Block) -> list[bytes]:
+        header = sorted({**self.stream.header, "units": UNITS_HERE}.items())
+        words = [f"# {key}: {json.dumps(value, sort_keys=True, allow_nan=False)}\n" for key, value in header]
+        columns = ",".join(names(self.stream.cables, feed=block.feed is not None)) + "\n"
+        return [MAGIC + "".join((*words, columns)).encode("ascii")]
+
+    def rows(self, rows: Rows) -> list[bytes]:
+        return [lines(rows.block, self.stream.period_s)]
+
+    def tail(self, sums: list[Sum]) -> list[bytes]:
+        return [b"# rows: %d, crc32: %08x\n" % (self.stream.rows, sums[0].crc)]
 
 
 def lines(block: Block, period_s: float) -> bytes:
     """The rows of a block as text."""
-    columns = [
-        (block.row + np.arange(len(block)))[:, None] * period_s, block.angle, block.velocity, block.torque * N_M,
-        block.tension, block.filament[:, None],
-    ]
-    texts = [_decimals(column, places) for column, places in zip(columns, PLACES.values(), strict=True)]
+    columns = {
+        "time": (block.row + np.arange(len(block)))[:, None] * period_s, "angle": block.angle,
+        "velocity": block.velocity, "torque": block.torque * N_M, "tension": block.tension,
+        "filament": block.filament[:, None],
+    }
+    if block.feed is not None:
+        columns["feed"] = block.feed[:, None]
+    texts = [decimals(column, PLACES[name]) for name, column in columns.items()]
     rows = np.concatenate(texts, axis=1)
     rows[:, -1] = ord("\n")
     return rows.tobytes().translate(None, b"\0")
 
 
-def _decimals(values: Array, places: int) -> Array:
+def decimals(values: Array, places: int) -> Array:
     """(n, c) numbers as (n, c * width) characters, each number followed by a comma; NUL where nothing stands."""
     scaled = np.rint(values * 10.0**places)
     if not (np.abs(scaled) < 10.0 ** (DIGITS - 1)).all():
@@ -137,20 +140,20 @@ def read(path: Any) -> MotorStream:
     checksum is.
     """
     with _opened(path) as file:
-        header, _, _ = _read_header(file, path)
+        header = _read_header(file, path)[0]
     return MotorStream({**header, "units": UNITS}, partial(_blocks, path))
 
 
 def _blocks(path: Any) -> Iterator[Block]:
     with _opened(path) as file:
-        header, at, check = _read_header(file, path)
+        header, at, check, width = _read_header(file, path)
         cables, row = int(header["cables"]), 0
         while True:
             text = list(itertools.islice(file, BLOCK_ROWS))
             end = text.pop() if text and text[-1].startswith(b"#") else b""
             check = zlib.crc32(b"".join(text), check)
             if text:
-                yield _block(_numbers(text, path, at + row, 4 * cables + 2), row, cables)
+                yield _block(_numbers(text, path, at + row, width), row, cables)
                 row += len(text)
             if end or not text:
                 break
@@ -176,12 +179,13 @@ def _numbers(text: list[bytes], path: Any, line: int, width: int) -> Array:
 
 
 def _block(values: Array, row: int, cables: int) -> Block:
-    angle, velocity, torque, tension = np.split(values[:, 1:-1], 4, axis=1)
-    return Block(row, angle, velocity, torque / N_M, tension, values[:, -1])
+    angle, velocity, torque, tension = np.split(values[:, 1 : 4 * cables + 1], 4, axis=1)
+    feed = values[:, 4 * cables + 2] if values.shape[1] > 4 * cables + 2 else None
+    return Block(row, angle, velocity, torque / N_M, tension, values[:, 4 * cables + 1], feed=feed)
 
 
-def _read_header(file: BinaryIO, path: Any) -> tuple[dict[str, Any], int, int]:
-    """Header, number of lines and CRC up to the line of names."""
+def _read_header(file: BinaryIO, path: Any) -> tuple[dict[str, Any], int, int, int]:
+    """Header, number of lines and CRC up to the line of names, and the number of names."""
     if file.readline(len(MAGIC)) != MAGIC:
         sentence = f"{_name(path)} is not a CSV motor stream: its first line is not {MAGIC.decode().strip()!r}."
         raise ProductError(sentence, file=_name(path))
@@ -196,9 +200,11 @@ def _read_header(file: BinaryIO, path: Any) -> tuple[dict[str, Any], int, int]:
         _damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
     if not all(isinstance(header.get(key), int) for key in ("rows", "cables")):
         _damaged(path, "its header does not say how many rows and cables it has")
-    if line != (",".join(names(header["cables"])) + "\n").encode():
+    known = (names(header["cables"], feed=feed) for feed in (True, False))
+    widths = {(",".join(row) + "\n").encode(): len(row) for row in known}
+    if line not in widths:
         _damaged(path, f"line {at} is not the names of its columns")
-    return header, at, check
+    return header, at, check, widths[line]
 
 
 def _key_value(line: bytes, path: Any, at: int) -> tuple[str, Any]:
