@@ -53,7 +53,7 @@ def bytes_of(layers):
 
 @needs_models
 @pytest.mark.parametrize(
-    ("name", "most"), [("xyz_cube", 0.006), ("benchy", 0.012), ("overhang", 0.012), ("thinwall", 0.04)]
+    ("name", "most"), [("xyz_cube", 0.005), ("benchy", 0.01), ("overhang", 0.01), ("thinwall", 0.04)]
 )
 def test_mass_balance_at_full_infill(name, most):
     """Beads hold what the sections do, but for the hollows between the round sides of outer walls."""
@@ -63,7 +63,7 @@ def test_mass_balance_at_full_infill(name, most):
     hollow = (1 - np.pi / 4) / 2 * 0.2**2 * sum(
         shape_of(layer.outline.points, layer.outline.starts).length for layer in layers
     )
-    assert (held + hollow) / asked == pytest.approx(1, abs=0.004 if name != "thinwall" else 0.01)
+    assert -0.01 < (held + hollow) / asked - 1 < 0.01        # that, and a little more where infill meets walls
 
 
 @needs_models

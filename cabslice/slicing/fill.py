@@ -1,7 +1,8 @@
-"""Filling the inside of a layer: solid and sparse lines, each laid in exactly the volume its region asks for.
+"""Filling the inside of a layer: solid and sparse lines, each laid in the volume its region asks for.
 
 A region of area A is filled by lines of total length l: their spacing is then A / l (times the density), and the bead's
-width follows from it (slicing.flow). Rows are laid at an even spacing near the nominal one, so the correction is small.
+width follows from it (slicing.flow). Solid lines hold a little more, to bond with the walls (BOND). Rows are laid at
+an even spacing near the nominal one, so the correction is small.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from cabslice.slicing.beads import BeadList
 from cabslice.slicing.flow import bead_spacing, bead_width
 from cabslice.slicing.infill import Lines, even_lines, fixed_lines
 from cabslice.slicing.layer import Role
-from cabslice.slicing.region import Region, offset, opening
+from cabslice.slicing.region import Region, edge_length, offset, opening
 from cabslice.slicing.walls import thin_parts
 
 CORRECTION = 0.15   # share by which the volume of solid lines may be corrected
 CORRECTION_SPARSE = 0.25
 WIDER = 1.25        # sparse lines may lie this much further apart, to make up for the links along the edge
+BOND = 0.25         # share of the overlap with walls that is laid as volume of its own, to press the lines against them
 LINK_SOLID = 8.0    # spacings along the edge up to which neighbouring lines are linked
 LINK_SPARSE = 2.5
 
@@ -49,7 +51,7 @@ def fill_solid(beads: BeadList, region: Region, filling: Filling, angle: float, 
     if wide.is_empty():
         return thin
     lines = even_lines(offset(wide, filling.overlap_mm - s / 2), s, angle, filling.overlap_mm, LINK_SOLID * s)
-    _lay(beads, lines, wide.area(), filling, role)
+    _lay(beads, lines, wide.area() + BOND * filling.overlap_mm * edge_length(wide), filling, role)
     return thin
 
 

@@ -22,7 +22,7 @@ from cabslice.slicing.region import following
 TURN = np.radians(110.0)  # corners of rectangles (90 deg) end a line
 FAN = np.radians(25.0)    # normals at a re-entrant corner are this far apart
 SPECK = 0.02              # of a step: shorter edges have no direction to speak of
-CHUNK = 20_000            # samples looked at together: bounds memory, not the result
+CHUNK = 5_000             # samples looked at together: bounds memory, not the result
 
 
 @dataclass(frozen=True)

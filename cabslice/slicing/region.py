@@ -96,6 +96,12 @@ def ring_areas(points: Array, starts: Array) -> Array:
     return np.add.reduceat(points[:, 0] * ahead[:, 1] - ahead[:, 0] * points[:, 1], starts[:-1]) / 2
 
 
+def edge_length(region: Region) -> float:
+    """mm, of outlines and holes."""
+    points, starts = to_rings(region)
+    return float(np.linalg.norm(points[following(starts)] - points, axis=1).sum())
+
+
 def pieces(region: Region) -> list[Region]:
     """Connected parts, each one outline with its holes."""
     if region.num_contour() < 2:
