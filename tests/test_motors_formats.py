@@ -385,3 +385,27 @@ def test_binary_is_small_and_quick(tmp_path):
     binary.write(MotorStream(stream.header, lambda: blocks), tmp_path / "a.stream")
     assert 200_000 / (time.process_time() - start) > 300_000
     assert (tmp_path / "a.stream").stat().st_size < 30 * 200_000
+
+
+@given(start=st.integers(0, 20_001), count=st.integers(0, 9_000))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_rows_are_read_from_anywhere(tmp_path, start, count):
+    path = tmp_path / "a.stream"
+    if not path.exists():
+        binary.write(smooth_stream(20_001, cables=2), path)
+    wanted = whole(formats.read(path)).angle[start : start + count]
+    found = list(binary.rows(path, start, start + count))
+    assert [block.row for block in found[:1]] == [start][: len(found)]
+    np.testing.assert_array_equal(np.concatenate([np.zeros((0, 2)), *(block.angle for block in found)]), wanted)
+
+
+def test_other_blocks_need_not_be_whole_to_read_rows(tmp_path):
+    path = tmp_path / "a.stream"
+    binary.write(smooth_stream(20_000, cables=2), path)
+    data = bytearray(path.read_bytes())
+    second = data.index(b"ROWS", data.index(b"ROWS") + 4)
+    data[second + 100] ^= 1
+    path.write_bytes(data)
+    assert sum(map(len, binary.rows(path, 0, 8192))) == 8192
+    with pytest.raises(ProductError, match="block 1 of rows"):
+        list(binary.rows(path, 0, 8193))
