@@ -69,6 +69,13 @@ class Placed:
     part: Part
 
 
+def compiled_before() -> bool:
+    """Whether the planner was compiled on this machine: numba keeps it beside the code, or in the user's cache."""
+    from cabslice.timing import kernel
+
+    return any(Path(kernel.compiled_to()).glob("kernel._solve-*.nbi"))
+
+
 # ---- profiles
 
 def load_profiles(printer: str, material: str | None, process: str | None, sets: Sequence[str] = ()) -> Profiles:
@@ -257,16 +264,28 @@ def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float) -> Moto
     return make_stream(plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header)
 
 
+def converted(stream: MotorStream, source: str) -> MotorStream:
+    """The same rows, to be written in another format than `source`; the header remembers what they came through."""
+    header = {**stream.header, "converted_from": [*stream.header.get("converted_from", ()), source]}
+    return replace(stream, header=header)
+
+
 def save_stream(
-    stream: MotorStream, path: str | Path, format: str, *, overwrite: bool = False, progress: Progress = silent
+    stream: MotorStream, path: str | Path, format: str, *, overwrite: bool = False, progress: Progress = silent,
+    resume: bool = False,
 ) -> dict[str, Any]:
-    """Write a motor file and read it back; the numbers of its header and, per cable, of the rows that are in it."""
+    """Write a motor file and read it back; the numbers of its header and, per cable, of the rows that are in it.
+
+    With `resume`, what a run that was killed has written of the same file is gone on with.
+    """
     from cabslice.motors.formats import FORMATS
 
     tick = partial(progress, "write")
-    rows = FORMATS[format].write(stream, path, overwrite=overwrite, progress=lambda row: tick(row, stream.rows))
+    rows = FORMATS[format].write(
+        stream, path, overwrite=overwrite, progress=lambda row: tick(row, stream.rows), resume=resume
+    )
     if str(path) == STDOUT:
-        return rows.as_dict() | dict(stream.header["numbers"])
+        return rows.as_dict() | dict(stream.header.get("numbers", {}))
     return numbers.of_stream(FORMATS[format].read(path))
 
 
@@ -301,7 +320,20 @@ def stream_header(plan: Planned, verdict: Verdict, period_s: float) -> dict[str,
         "profiles": profile_names(origin),
         "numbers": numbers_of(plan, period_s),
         "verdict": verdict.as_dict(),
+        **_encoders(origin),
     }
+
+
+def refuse_format(format: str, origin: Origin) -> None:
+    """Raises UsageError where a motor file of that format cannot be made, however the job goes."""
+    from cabslice.motors.formats import FORMATS
+
+    FORMATS[format].refuse({"cables": len(profiles_of(origin).printer.cable), **_encoders(origin)})
+
+
+def _encoders(origin: Origin) -> dict[str, Any]:
+    counts = [cable.motor and cable.motor.counts_per_turn for cable in profiles_of(origin).printer.cable]
+    return {"encoder_counts_per_turn": counts} if all(counts) else {}
 
 
 def numbers_of(product: Laid | Planned, period_s: float | None = None) -> dict[str, Any]:

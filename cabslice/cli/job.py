@@ -23,6 +23,7 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed |
     if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
         product: Any = _adapted(store.load(file)[1], file, machine, placing)
         tell_profiles(product.origin, talk)
+        tell_first_run(talk)
         return product
     profiles = pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
     if Path(file).suffix.lower() in pipeline.GCODE:
@@ -32,9 +33,18 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed |
     else:
         start = pipeline.read(file, profiles, pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at))
     tell_profiles(start.origin, talk)
+    tell_first_run(talk)
     for sentence in (*start.origin.repairs, *start.origin.warnings):
         talk.say(sentence if sentence.startswith(start.origin.part) else f"{start.origin.part}: {sentence}")
     return start
+
+
+def tell_first_run(talk: Talk) -> None:
+    """The inner loops are compiled at their first use and kept: say so, or the first run looks stuck."""
+    from cabslice import pipeline
+
+    if not pipeline.compiled_before():
+        talk.say("First run on this machine: the inner loops are compiled once and kept, which can take a minute.")
 
 
 def printer_name(given: str | None) -> str:

@@ -303,6 +303,11 @@ def at_worst(q: Array, speed: float, robot_columns: tuple) -> Array:
     return out
 
 
+def compiled_to() -> str:
+    """Folder in which numba keeps what it compiled of this module."""
+    return str(_solve.stats.cache_path)
+
+
 def serves(robot: Robot) -> bool:
     """Six freedoms and two cables more."""
     return bool(robot.freedoms.all()) and robot.cables == FREEDOMS + 2
