@@ -38,6 +38,7 @@ def export(
     from cabslice.cli.job import begin, summary
 
     product = begin(file, machine, placing, talk)
+    pipeline.refuse_format(target.format, product.origin)
     with talk.progress() as tick:
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
         period = period_ms / 1e3 if period_ms else pipeline.period_of(planned)

@@ -21,6 +21,7 @@ COMMANDS = {
         "slice": "cut a part into layers and lay the path of the nozzle",
         "plan": "find how fast the robot may follow the path",
         "export": "write the motor file (from a part: does everything before it)",
+        "convert": "write a motor file in another format",
     },
     "Ask": {
         "check": "can this robot make this part? exit code 0 yes, 4 no",

@@ -187,6 +187,10 @@ class Motor(Table):
     peak_torque_n_m: float = Field(gt=0, le=10000, description="torque it gives for a moment")
     inertia_kg_mm2: float = Field(ge=0, le=1e9, description="rotor, brake and winder disc")
     friction_n_m: float = Field(default=0.0, ge=0, le=1000, description="Coulomb friction at the shaft")
+    counts_per_turn: int | None = Field(
+        default=None, ge=1, le=2**32,
+        description="position units per motor turn the drive is set to; only files of counts (CiA 402) need it",
+    )
 
 
 class ModulusByTension(Table):

@@ -49,6 +49,10 @@ class Format:
     def read(self) -> Callable[[Any], MotorStream]:
         return self._module().read
 
+    def refuse(self, header: Mapping[str, Any]) -> None:
+        """Raises UsageError where a stream of such a header (cables, encoder) cannot be written, whatever its rows."""
+        getattr(self._module(), "refuse", lambda header: None)(header)
+
     def _module(self) -> Any:
         return importlib.import_module(f"cabslice.motors.formats.{self.about.module}")
 

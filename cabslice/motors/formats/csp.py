@@ -35,6 +35,9 @@ def per_rad(header: Mapping[str, Any]) -> Array:
     return np.array(counts) / (2 * np.pi)
 
 
+refuse = per_rad
+
+
 def _rated(header: Mapping[str, Any]) -> Array:
     return np.array(header["machine"]["winders"]["continuous_torque"])
 

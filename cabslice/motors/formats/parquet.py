@@ -36,6 +36,10 @@ def _pyarrow() -> Any:
     return pyarrow
 
 
+def refuse(header: Any) -> None:
+    _pyarrow()
+
+
 def write(
     stream: MotorStream, path: Any, *, overwrite: bool = False, progress: Callable[[int], None] | None = None,
     resume: bool = False,
