@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cabslice.cli import options
+from cabslice.cli import options, profile_exchange
 from cabslice.cli.report import Table, Talk
 from cabslice.errors import ProfileError, UsageError
 
@@ -24,18 +24,23 @@ def profile() -> None:
     """Printers, materials and processes: what there is, what a file says, what is wrong with it."""
 
 
+for command in (profile_exchange.import_, profile_exchange.export, profile_exchange.diff):
+    profile.add_command(command)
+
+
 @profile.command("list")
 @click.argument("kind", type=click.Choice(list(KINDS)), required=False)
 @options.talk
 def list_(kind: str | None, talk: Talk) -> None:
-    """The profiles that can be asked for by name, and where they lie."""
+    """The profiles that can be asked for by name; with -v also where they lie."""
     from cabslice.profile import shelf
 
     kinds = [kind] if kind else list(KINDS)
     found = {KINDS[one]: [_entry(one, name) for name in shelf.names(KINDS[one])] for one in kinds}
-    rows = [tuple(entry.values()) for entries in found.values() for entry in entries]
+    head = ("kind", "name", "what", "file") if talk.verbose else ("kind", "name", "what")
+    rows = [tuple(entry.values())[:len(head)] for entries in found.values() for entry in entries]
     talk.answer({"ok": True, "command": "profile list", "default_printer": shelf.default_printer(), **found},
-                Table(("kind", "name", "what", "file"), rows))
+                Table(head, rows))
 
 
 def _entry(kind: str, name: str) -> dict[str, str]:
@@ -59,7 +64,7 @@ def show(ref: str, kind: str | None, sets: tuple[str, ...], talk: Talk) -> None:
     from cabslice.profile.faults import dotted
     from cabslice.profile.shown import show as shown
 
-    folder = _kind(ref, kind)
+    folder = kind_of(ref, kind)
     one = shown(folder, ref, sets)
     talk.answer({
         "ok": True, "command": "profile show", "kind": shelf.SINGULAR[folder], "name": one.model.name,
@@ -80,7 +85,7 @@ def check(ref: str, kind: str | None, talk: Talk) -> None:
     from cabslice.profile import shelf
     from cabslice.profile.summary import summary
 
-    folder = _kind(ref, kind)
+    folder = kind_of(ref, kind)
     files = [sheet.label for sheet in shelf.chain(folder, ref)]
     model = shelf.load(folder, ref)
     if folder == "printers":
@@ -136,12 +141,11 @@ def new(name: str, kind: str | None, parent: str | None, to: str | None, overwri
     from cabslice.files import atomic
     from cabslice.profile.shown import starter
 
-    if not NAME.fullmatch(name):
-        raise UsageError(f"{name!r} is no profile name; expected lower-case letters, digits, hyphens: my-printer.")
+    checked_name(name)
     if to == "-" and talk.json:
         raise UsageError("-o - and --json both want stdout: choose one.")
-    folder = KINDS[kind] if kind else _kind(parent, None) if parent else "printers"
-    path = _target(to, name)
+    folder = KINDS[kind] if kind else kind_of(parent, None) if parent else "printers"
+    path = target(to, name)
     text = starter(folder, name, parent, beside=None if path == "-" else Path(path).parent)
     with atomic(path, overwrite) as file:
         file.write(text.encode())
@@ -150,10 +154,17 @@ def new(name: str, kind: str | None, parent: str | None, to: str | None, overwri
                     f"wrote {path}; next: edit it, then cabslice profile check {path}")
 
 
-def _target(to: str | None, name: str) -> str:
+def checked_name(name: str) -> None:
+    """Raises UsageError where it is none."""
+    if not NAME.fullmatch(name):
+        raise UsageError(f"{name!r} is no profile name; expected lower-case letters, digits, hyphens: my-printer.")
+
+
+def target(to: str | None, name: str, suffix: str = "toml") -> str:
+    """Where -o puts a file of that name."""
     if to is None or to == "-":
-        return to or f"{name}.toml"
-    return str(Path(to) / f"{name}.toml") if to.endswith("/") or Path(to).is_dir() else to
+        return to or f"{name}.{suffix}"
+    return str(Path(to) / f"{name}.{suffix}") if to.endswith("/") or Path(to).is_dir() else to
 
 
 @profile.command("use")
@@ -169,7 +180,7 @@ def use(name: str, talk: Talk) -> None:
                 f"{name} is the printer from now on ({path})")
 
 
-def _kind(ref: str, given: str | None) -> str:
+def kind_of(ref: str, given: str | None) -> str:
     """The folder of a reference. Raises ProfileError where there is none, UsageError where there are several."""
     from cabslice.profile import shelf
 

@@ -52,6 +52,11 @@ def show(kind: str, ref: str, sets: Sequence[str] = ()) -> Shown:
     return Shown(model, values, tuple(sheet.label for sheet in chain), origins)
 
 
+def share(cables: list[dict[str, Any]]) -> tuple[dict[str, Any], list[Any]]:
+    """What all cables have alike, and what is left of each."""
+    return _split(cables, lambda place: True)
+
+
 def _split(cables: list[dict[str, Any]], alike: Alike, at: Place = ()) -> tuple[dict[str, Any], list[Any]]:
     """What is equal in all cables and came from one place, and what is left of each."""
     within: Any
