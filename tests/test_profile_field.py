@@ -13,6 +13,7 @@ from cabslice.profile import shelf
 from cabslice.robot.body import through
 from cabslice.robot.kinematics import length_rates, lengths
 from cabslice.robot.model import nozzle_poses, robot_from_printer
+from cabslice.robot.stiffness import gravity_stiffness
 from cabslice.robot.tension import nearest_tension
 from cabslice.robot.winder import angle_of, motor_angles, wound
 from cabslice.robot.wrench import gravity_wrench, required_wrench, wrench_matrix
@@ -92,6 +93,15 @@ def test_gt_planar_is_that_of_gtdynamics():
     wrench = wrench_matrix(made, pose, masked=True)[0] @ [1, 0, 0, 1]
     np.testing.assert_allclose(wrench, [0, -np.sqrt(2)], rtol=0, atol=1e-9)
     assert not gravity_wrench(made, pose).any()
+
+
+def test_gravity_of_the_profile_is_what_the_robot_feels():
+    """Half of it: half the weight, and the stiffness of a hanging centre of mass halves with it."""
+    moon = robot_from_printer(shelf.load_printer("cogiro", ["gravity_mm_s2=4903.325"]))
+    earth, poses = robot("cogiro"), np.array([[100.0, -50, 2000, 0.1, 0.05, -0.1]])
+    assert gravity_wrench(earth, poses)[0, 2] == pytest.approx(-91.058 * 9.80665, rel=1e-12)
+    for weighed in (gravity_wrench, gravity_stiffness):
+        np.testing.assert_allclose(2 * weighed(moon, poses), weighed(earth, poses), rtol=1e-12)
 
 
 def test_gt_planar_cannot_hold_its_turn_at_any_level_pose(tmp_path):

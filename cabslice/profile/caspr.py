@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from cabslice.errors import ProfileError
-from cabslice.profile.imported import Builder, Imported, name_from, text_of
+from cabslice.profile.imported import ASSUMED, Builder, Imported, name_from, text_of
 
 ALL = ("x", "y", "z", "rx", "ry", "rz")
 JOINTS = {
@@ -147,7 +147,7 @@ def _joint(builder: Builder, path: Path, link: Any, joint: Any) -> None:
     turn = start[len(moves):]
     if any(turn[1:] if "QUATERNION" in kind else turn):
         builder.left_out.append(f"{where}: q_initial turns the platform; at home it is level here")
-    builder.left_out += [f"{where}: {limit}" for limit in ("q_min", "q_max") if joint.get(limit)]
+    builder.left_out += [f"{where}: {limit} is not part of a profile" for limit in ("q_min", "q_max") if joint.get(limit)]
 
 
 def _inertia(builder: Builder, path: Path, inertia: Any, mass: float, centre: list[float]) -> None:
@@ -219,12 +219,13 @@ def _rest(builder: Builder) -> None:
     cables = builder.values["cable"]
     builder.assume({("cables", "diameter_mm"): 0.0, ("cables", "clearance_mm"): 0.0}, "lines without thickness")
     if any("axial_stiffness_n" not in cable for cable in cables):
-        for cable in cables:
-            cable.setdefault("axial_stiffness_n", STIFF)
+        for index, cable in enumerate(cables):
+            if "axial_stiffness_n" not in cable:
+                builder.read(("cable", index, "axial_stiffness_n"), STIFF, ASSUMED)
         builder.assumed.append(f"cables.axial_stiffness_n: {STIFF:g} N where a cable is ideal")
     for index, cable in enumerate(cables):
         low, high = cable["min_tension_n"], cable["max_tension_n"]
-        builder.read(("cable", index, "reference_tension_n"), low + (high - low) / 10, "assumed")
+        builder.read(("cable", index, "reference_tension_n"), round(low + (high - low) / 10, 6), ASSUMED)
     builder.assumed.append("cables.reference_tension_n: a tenth of the way from the lower to the upper bound")
     if any("pulley" in cable for cable in cables):
         builder.assumed.append("cables.pulley.axis: cable_entry_vector is the way the cable goes where it comes in")
