@@ -35,12 +35,18 @@ def robot_of(anchors, attachments, *, pulley=0.0, radius=0.0, clearance=0.0, bed
     )
 
 
-def frame_robot(*, pulley=0.0, clearance=2.0, bed=400.0, size=500.0, height=100.0):
-    """A cube-shaped frame with a flat platform, much as CABFAB Optim; the bed 40 mm above the lower anchors."""
+def frame_robot(*, pulley=0.0, clearance=2.0, bed=400.0, size=500.0, height=100.0, crossed=False):
+    """A cube-shaped frame with a flat platform, much as CABFAB Optim; the bed 40 mm above the lower anchors.
+
+    Crossed: much as Init X, where each upper cable passes the lower one of its corner at a few millimetres.
+    """
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     level = np.full((4, 1), 1.0)
     anchors = np.vstack([np.hstack((size * signs, z * level)) for z in (960.0, -40.0)])
     upper, lower = np.hstack((signs * [86.6, 50.0], 2.5 * level)), np.hstack((signs * [96.2, 27.3], -2.5 * level))
+    if crossed:
+        upper = np.hstack((signs * [44.0528, 44.0528], -25.0 * level))
+        lower = np.hstack((signs * [47.5969, 40.1974], 25.0 * level))
     return robot_of(
         anchors, np.vstack((upper, lower)), pulley=pulley, radius=0.27, clearance=clearance, bed=(bed, bed),
         nozzle=(0, 0, -height),

@@ -32,10 +32,10 @@ MARGINS = {
 
 @pytest.mark.parametrize("name", JUDGES)
 @settings(max_examples=8, deadline=None)
-@given(seed=SEEDS, pulley=st.sampled_from([0.0, 25.0]))
-def test_what_is_proven_in_a_ball_holds_at_its_places(name, seed, pulley):
+@given(seed=SEEDS, pulley=st.sampled_from([0.0, 25.0]), crossed=st.booleans())
+def test_what_is_proven_in_a_ball_holds_at_its_places(name, seed, pulley, crossed):
     rng = np.random.default_rng(seed)
-    robot = frame_robot(pulley=pulley)
+    robot = frame_robot(pulley=pulley, crossed=crossed)
     judge = JUDGES[name](robot)
     places, radii = rng.uniform([-300, -300, 0], [300, 300, 400], (40, 3)), rng.choice([0.2, 2.0, 8.0, 20.0], 40)
     excess, proven = judge(places, radii)
@@ -61,6 +61,14 @@ def test_tension_proofs_reach_across_whole_cells():
     places = np.random.default_rng(2).uniform([-120, -120, 0], [120, 120, 200], (50, 3))
     _, proven = judges.tensions(frame_robot(pulley=25.0))(places, np.full(50, 14.0))
     assert (proven > 0).mean() > 0.9
+
+
+def test_cables_that_cross_closely_are_proven_apart_in_whole_cells():
+    """They keep their distance wherever the nozzle goes: the direction between them turns with them."""
+    places = np.random.default_rng(3).uniform([-100, -100, 0], [100, 100, 200], (50, 3))
+    excess, proven = judges.cable_pairs(frame_robot(pulley=25.0, crossed=True))(places, np.full(50, 14.0))
+    assert excess.min() < 3.0
+    assert (proven.min(axis=1) > 0.5 * excess.min(axis=1)).all()
 
 
 # ---- the survey

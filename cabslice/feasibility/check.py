@@ -14,7 +14,16 @@ from cabslice.arrays import Array
 from cabslice.errors import InputError, ProfileError
 from cabslice.feasibility import judges, reasons
 from cabslice.feasibility.findings import Finding, Verdict
-from cabslice.feasibility.obstacles import Moves, Obstacles, beads_of, bed_edges, laying, moves_of, printing_stages
+from cabslice.feasibility.obstacles import (
+    Moves,
+    Obstacles,
+    beads_of,
+    bed_edges,
+    laying,
+    moves_of,
+    moving,
+    printing_stages,
+)
 from cabslice.feasibility.reasons import Job
 from cabslice.feasibility.survey import WIDTHS, Cells, Survey, explore, first_cells, first_failure
 from cabslice.feasibility.sweep import FAR, Contacts, contacts
@@ -38,11 +47,13 @@ def check(toolpath: Toolpath, robot: Robot, *, progress: Progress | None = None)
     _refuse(toolpath, robot)
     tell = progress or (lambda done, total: None)
     stages = printing_stages(toolpath)
-    job = Job(toolpath, robot, moves_of(toolpath, stages))
+    moves = tree_of_moves(moves_of(toolpath, stages), robot)
+    assert isinstance(moves.items, Moves)
+    job = Job(toolpath, robot, moves.items, int(np.count_nonzero(moving(toolpath))))
     verdict = _places(job, tell)
     if any(finding.code == "pulley" for finding in verdict.findings):
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
-    moves, grow = tree_of_moves(job.moves, robot), grown(robot)
+    grow = grown(robot)
     verdict = verdict.joined(_plate(job, moves, grow))
     return verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, tell))
 
@@ -119,7 +130,7 @@ def _margin(survey: Survey) -> float:
 
 
 def _covered(survey: Survey, job: Job) -> str:
-    proof = f"all of {len(job.moves)} moves, by {survey.visits} places and a bound on the change between them"
+    proof = f"all of {job.count} moves, by {survey.visits} places and a bound on the change between them"
     if survey.open:
         proof += f"; {survey.open} cells of {WIDTHS[-1]:g} mm, too near the limit for the bound, by their places alone"
     return proof
@@ -140,7 +151,7 @@ def _plate(job: Job, moves: Tree, grow: Array) -> Verdict:
     sides = tree_of_beads(bed_edges(job.robot.bed_size))
     met = contacts(moves, sides, job.robot, grow)
     found = _told(job, met, moves, sides, grow, "cable-bed")
-    count = f"{len(job.moves)} moves, {job.robot.cables} cables"
+    count = f"{job.count} moves, {job.robot.cables} cables"
     sentence = f"Cables against the sides of the bed plate, down to the ground: {count}{_until(job, met)}."
     return Verdict((sentence,), tuple(found), {"cable_bed_mm": _least(met, found)})
 
@@ -177,11 +188,12 @@ def _until(job: Job, met: Contacts) -> str:
 
 def _compared(job: Job, met: Contacts, part: Tree) -> str:
     """Counts: every move against all beads of its own and earlier stages, cable by cable."""
-    searched = np.count_nonzero(job.moves.stage <= met.last_stage)
+    searched = int(np.count_nonzero(job.moves.stage <= met.last_stage))
     laid = np.searchsorted(part.items.stage, job.moves.stage[:searched], side="right")
     pairs = int(laid.sum()) * job.robot.cables
+    rows = job.count if met.complete else len(np.unique(job.moves.move[:searched]))
     return (
-        f"Cables against the part printed so far, current layer included: {searched} moves, {job.robot.cables} cables, "
-        f"{pairs:.3g} pairs of move and bead, {met.exact} of them computed one by one, the others proven apart"
-        f"{_until(job, met)}."
+        f"Cables against the part printed so far, current layer included: {rows} moves, {job.robot.cables} cables, "
+        f"{pairs:.3g} pairs of stretches of moves and beads, {met.exact} of them computed one by one, "
+        f"the others proven apart{_until(job, met)}."
     )

@@ -11,6 +11,10 @@ Legend
 
 Two cables.  Attachments shift together, so along n their distance does not change at all; gap' >= the least of
 n.(b_j - b_i), n.(A_j - A_i) - drift_i - drift_j, n.(b_j - A_i) - R - drift_i, n.(A_j - b_i) - R - drift_j.
+Where both nearest points lie inside the cables, at shares s_i and s_j of the way A to b, n turns with them: n' = n + m,
+m in the span of u_i' = b_i' - A_i' and u_j', at right angles to both. Then |n'|^2 = 1 - |m|^2 and n' . (A_j' - A_i') =
+d (1 - |m|^2) + n' . v, v = (s_j - s_i) dq + (1 - s_j) dA_j - (1 - s_i) dA_i, so that d' >= d (1 - |m|^2)^1/2 - |v|;
+|m| is at most what n . u_i' and n . u_j' are, over the smaller singular value of [u_i' u_j'].
 
 Tension.  Let t balance at the place with slack s_i to its bounds, P = W^+, e = (W - W') t. Then t + P y with
 y = (1 + (W' - W) P)^-1 e balances at the shifted place, and with k = |W' - W| |P| < 1
@@ -90,18 +94,34 @@ def cable_pairs(robot: Robot) -> Judge:
         found = closest(robot, nozzle_poses(robot, places), lines=lines)
         distance, s, t = (column[:, chosen] for column in (found.distance, found.first, found.second))
         exits, tips = (lines.exit[:, one], lines.exit[:, other]), (lines.tip[:, one], lines.tip[:, other])
-        way = exits[1] + t[..., None] * (tips[1] - exits[1]) - exits[0] - s[..., None] * (tips[0] - exits[0])
-        n = way / np.maximum(distance, 1e-12)[..., None]
+        lines_of = tips[0] - exits[0], tips[1] - exits[1]
+        n = exits[1] + t[..., None] * lines_of[1] - exits[0] - s[..., None] * lines_of[0]
+        n /= np.maximum(distance, 1e-12)[..., None]
         drift, r = exit_drift(robot, places, radii), radii[:, None]
+        drifts = drift[:, one], drift[:, other]
         proven = np.minimum.reduce((
             _along(n, tips[1] - tips[0]),
-            _along(n, exits[1] - exits[0]) - drift[:, one] - drift[:, other],
-            _along(n, tips[1] - exits[0]) - drift[:, one] - r,
-            _along(n, exits[1] - tips[0]) - drift[:, other] - r,
+            _along(n, exits[1] - exits[0]) - drifts[0] - drifts[1],
+            _along(n, tips[1] - exits[0]) - drifts[0] - r,
+            _along(n, exits[1] - tips[0]) - drifts[1] - r,
         ))
-        return distance - limits, np.minimum(proven, distance) - limits
+        inside = (s > 0) & (s < 1) & (t > 0) & (t < 1)
+        turning = np.where(inside, _turned_gap(distance, s, t, lines_of, drifts, r), -np.inf)
+        return distance - limits, np.minimum(np.maximum(proven, turning), distance) - limits
 
     return judge
+
+
+def _turned_gap(
+    distance: Array, s: Array, t: Array, ways: tuple[Array, Array], drifts: tuple[Array, Array], radius: Array
+) -> Array:
+    """Proven distance (K, P) mm of cables that are nearest inside both, with the direction between them turning."""
+    a, c, b = _along(ways[0], ways[0]), _along(ways[1], ways[1]), _along(ways[0], ways[1])
+    smaller = np.sqrt(np.maximum((a + c) / 2 - np.hypot((a - c) / 2, b), 0.0))
+    moved = np.hypot(radius + drifts[0], radius + drifts[1])
+    m = moved / np.maximum(smaller - moved, 1e-9)
+    shift = np.abs(t - s) * radius + (1 - s) * drifts[0] + (1 - t) * drifts[1]
+    return np.where(m < 1, distance * np.sqrt(np.maximum(1 - m**2, 0.0)) - shift, -np.inf)
 
 
 def tensions(robot: Robot) -> Judge:

@@ -62,7 +62,7 @@ class Moves:
 
 def moves_of(toolpath: Toolpath, stages: Array) -> Moves:
     """All moves of the nozzle that have a length, travels too, in stretches of at most LENGTH."""
-    rows = np.flatnonzero((np.diff(toolpath.xyz, axis=0) != 0).any(axis=1)) + 1
+    rows = np.flatnonzero(moving(toolpath))
     part, start, end = cut_lines(toolpath.xyz[rows - 1], toolpath.xyz[rows], LENGTH)
     return Moves(start, end, stages[rows[part]], rows[part])
 
@@ -130,8 +130,14 @@ def printing_stages(toolpath: Toolpath) -> Array:
 
 def laying(toolpath: Toolpath) -> Array:
     """(N,) bool: moves that lay a bead, with a length and filament fed."""
-    moved = (np.diff(toolpath.xyz, axis=0) != 0).any(axis=1)
-    return np.concatenate(([False], moved)) & (toolpath.filament > 0)
+    return moving(toolpath) & (toolpath.filament > 0)
+
+
+def moving(toolpath: Toolpath) -> Array:
+    """(N,) bool: moves of the nozzle that have a length."""
+    xyz = toolpath.xyz
+    away = [xyz[1:, axis] != xyz[:-1, axis] for axis in range(3)]
+    return np.concatenate(([False], away[0] | away[1] | away[2]))
 
 
 # ---- plan views

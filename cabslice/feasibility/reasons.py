@@ -26,11 +26,12 @@ ALONG = np.linspace(0.0, 1.0, 9)
 
 @dataclass(frozen=True)
 class Job:
-    """What is checked: all that sentences need."""
+    """What is checked: all that sentences need. The moves are in stretches, stage by stage."""
 
     toolpath: Toolpath
     robot: Robot
     moves: Moves
+    count: int           # moves of the toolpath that have a length
 
     def layer(self, move: int) -> int:
         return int(self.toolpath.layer[self.moves.move[move]])
@@ -193,9 +194,10 @@ def _contact(
     state = f"comes within {value:.2f} mm of {what}" if value > 0 else f"cuts {-value:.2f} mm into {what}"
     if value == 0:
         state = f"meets {what}"
+    blocked = len(np.unique(moves.move[contacts.move[rows]]))
     sentence = (
         f"{place_of(layer, xyz)}: cable {cable + 1} {state} (limit {limit:.2f} mm) {_at(xyz)}; "
-        f"{len(np.unique(contacts.move[rows]))} moves in layers {layers.min()} to {layers.max()} are blocked by it."
+        f"{blocked} moves in layers {layers.min()} to {layers.max()} are blocked by it."
     )
     advice = _advice(job, beads, int(moves.stage[contacts.move[rows[0]]]), first, xyz, cable, code)
     return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice)

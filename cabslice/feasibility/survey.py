@@ -24,7 +24,8 @@ from cabslice.feasibility.obstacles import LENGTH, Moves, cut_lines
 
 WIDTHS = (LENGTH, 10.0, 5.0, 2.5, 1.25, 0.6, 0.3)   # mm
 SHARE = 0.8          # a proven margin is at least this share of the one met, up to the cap
-BLOCK = 4096
+BLOCK = 4096         # places judged in one sweep
+PIECES = 1 << 19     # pieces refined in one sweep
 
 Judge = Callable[[Array, Array], tuple[Array, Array]]      # places (K, 3), radii (K,) -> excess, proven (K, q)
 
@@ -93,26 +94,39 @@ def explore(cells: Cells, judge: Judge, *, cap: float = 0.0) -> Survey:
     Cells are refined until they fail or are proven to be right, with a margin that is at least SHARE of the least one
     met or of `cap`, whichever is less; in the finest cells it is enough that they are right.
     """
-    state: Survey | None = None
-    failing: list[Pieces] = []
-    for width in (*WIDTHS[1:], 0.0):
-        excess, proven = _judged(cells, judge)
-        state = _worse(state, cells, excess)
-        wanted = SHARE * min(cap, max(float(state.worst.min()), 0.0))
+    found = _Explorer(judge, cap)
+    found.visit(cells, 1)
+    assert found.state is not None
+    together = Pieces(*(
+        np.concatenate([getattr(part, name) for part in found.failing]) for name in Pieces.__dataclass_fields__
+    ))
+    return replace(found.state, failing=together.take(np.argsort(together.move, kind="stable")))
+
+
+class _Explorer:
+    """What a survey knows so far."""
+
+    def __init__(self, judge: Judge, cap: float) -> None:
+        self.judge, self.cap = judge, cap
+        self.state: Survey | None = None
+        self.failing: list[Pieces] = []
+
+    def visit(self, cells: Cells, level: int) -> None:
+        """Judge cells, and in blocks the finer ones, WIDTHS[level] wide, of those that are not settled."""
+        excess, proven = _judged(cells, self.judge)
+        self.state = state = _worse(self.state, cells, excess)
+        last = level == len(WIDTHS)
+        wanted = SHARE * min(self.cap, max(float(state.worst.min()), 0.0))
         bad = np.any(excess < 0, axis=1)
-        loose = ~bad & np.any(proven < (wanted if width else 0.0), axis=1)
-        settled = ~bad & ~loose
-        state = replace(state, proven=min(state.proven, float(proven[settled].min(initial=np.inf))))
-        failing.append(cells.pieces.take(_rows(cells, bad)))
-        if not loose.any():
-            break
-        if not width:
-            state = replace(state, open=int(loose.sum()), proven=0.0)
-            break
-        cells = cells_of(cells.pieces.take(_rows(cells, loose)), width)
-    assert state is not None
-    together = Pieces(*(np.concatenate([getattr(f, name) for f in failing]) for name in Pieces.__dataclass_fields__))
-    return replace(state, failing=together.take(np.argsort(together.move, kind="stable")))
+        loose = ~bad & np.any(proven < (0.0 if last else wanted), axis=1)
+        least = float(proven[~bad & ~loose].min(initial=np.inf))
+        if last and loose.any():
+            least = 0.0
+        self.state = replace(state, proven=min(state.proven, least), open=state.open + last * int(loose.sum()))
+        self.failing.append(cells.pieces.take(_rows(cells, bad)))
+        rows = _rows(cells, loose & (not last))
+        for i in range(0, len(rows), PIECES):
+            self.visit(cells_of(cells.pieces.take(rows[i:i + PIECES]), WIDTHS[level]), level + 1)
 
 
 def first_failure(failing: Pieces, judge: Judge) -> tuple[int, Array]:

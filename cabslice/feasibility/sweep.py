@@ -29,8 +29,8 @@ from cabslice.robot.model import Robot
 FAR = 3.0            # mm: margins are not looked for beyond this
 RESOLUTION = 0.01    # mm
 BLOCK_LEVEL = 10     # moves are searched in blocks of 2^10 leaves
-PAIRS = 1 << 14      # pairs of nodes in one sweep
-MEETINGS = 1 << 10   # pairs of leaves in one sweep
+PAIRS = 1 << 12      # pairs of nodes in one sweep
+MEETINGS = 1 << 8    # pairs of leaves in one sweep
 ROUNDING = 1e-9      # mm
 
 _Halves = tuple[Array, Array, Array, tuple[Array, Array]]     # pair, start, end, (exit point, drift)
