@@ -147,7 +147,8 @@ def _joint(builder: Builder, path: Path, link: Any, joint: Any) -> None:
     turn = start[len(moves):]
     if any(turn[1:] if "QUATERNION" in kind else turn):
         builder.left_out.append(f"{where}: q_initial turns the platform; at home it is level here")
-    builder.left_out += [f"{where}: {limit} is not part of a profile" for limit in ("q_min", "q_max") if joint.get(limit)]
+    limits = [limit for limit in ("q_min", "q_max") if joint.get(limit)]
+    builder.left_out += [f"{where}: {limit} is not part of a profile" for limit in limits]
 
 
 def _inertia(builder: Builder, path: Path, inertia: Any, mass: float, centre: list[float]) -> None:
