@@ -152,14 +152,13 @@ class Unfinished:
             yield pending + len(line), parts, step["note"]
             pending = 0
 
-    def step(self, parts: Sequence[bytes], note: Any) -> None:
-        """Append bytes to each file, and the note once they are out of our hands."""
+    def step(self, parts: Sequence[bytes], note: Any, crcs: Sequence[int]) -> None:
+        """Append bytes to each file, and the note once they are out of our hands; `crcs` are CRC-32 of the bytes."""
         for file, part in zip(self.files, parts, strict=True):
             file.write(part)
             file.flush()
         self.ends = [end + len(part) for end, part in zip(self.ends, parts, strict=True)]
-        sums = {"sizes": [len(part) for part in parts], "crcs": [zlib.crc32(part) for part in parts]}
-        self._note({**sums, "note": note})
+        self._note({"sizes": [len(part) for part in parts], "crcs": list(crcs), "note": note})
 
     def _note(self, line: Any) -> None:
         self.journal.write(json.dumps(line, separators=(",", ":")).encode() + b"\n")

@@ -120,17 +120,20 @@ def test_the_layout_is_the_one_described(tmp_path):
     there_and_back(stream, path)
     data = path.read_bytes()
     magic, version, size = struct.unpack_from("<8sII", data)
-    assert (magic, version) == (b"\x89STREAM\n", 1)
+    assert (magic, version) == (b"\x89STREAM\n", 2)
     header = json.loads(data[16 : 16 + size])
     head, row, rows, packed = struct.unpack_from("<4sQII", data, 20 + size)
     assert (head, row, rows) == (b"ROWS", 0, 50)
-    payload = zlib.decompress(data[40 + size : 40 + size + packed])
-    column, planes = header["layout"]["columns"][0], payload[32]
-    seeds = struct.unpack_from("<4q", payload)
-    z = [sum(payload[33 + plane * 2 * 48 + i] << (8 * plane) for plane in range(planes)) for i in range(48)]
+    payload = data[40 + size : 40 + size + packed]
+    column = header["layout"]["columns"][0]
+    seeds, width = struct.unpack_from("<4q", payload), payload[32]      # 2 channels, one group of rows each
+    word = int.from_bytes(payload[34 : 34 + 8 * width], "little")
+    z = [word >> (width * i) & ((1 << width) - 1) for i in range(48)]
+    assert word >> (width * 48) == 0
     x = list(seeds[:2])
     for value in z:
         x.append((value // 2 if value % 2 == 0 else -(value + 1) // 2) + 2 * x[-1] - x[-2])
+    assert zlib.crc32(data[20 + size : 40 + size + packed]) == struct.unpack_from("<I", data, 40 + size + packed)[0]
     assert column["name"] == "angle"
     np.testing.assert_allclose(np.array(x) * column["quantum"], whole(stream).angle[:, 0], atol=column["quantum"] / 2)
 
@@ -378,12 +381,12 @@ def test_memory_does_not_grow_with_the_length_of_the_file(name, tmp_path):
 
 
 def test_binary_is_small_and_quick(tmp_path):
-    """Measured: 1.4 M rows/s, 11 bytes a row. The bounds leave room for a busy machine."""
+    """Measured: 4 M rows/s, 22 bytes a row. The bounds leave room for a busy machine."""
     stream = smooth_stream(200_000)
     blocks = list(stream)
     start = time.process_time()
     binary.write(MotorStream(stream.header, lambda: blocks), tmp_path / "a.stream")
-    assert 200_000 / (time.process_time() - start) > 300_000
+    assert 200_000 / (time.process_time() - start) > 500_000
     assert (tmp_path / "a.stream").stat().st_size < 30 * 200_000
 
 

@@ -92,37 +92,44 @@ class Tally:
         self.peaks = {name: Peak(np.array(value), np.array(row)) for name, (value, row) in note["peaks"].items()}
 
     def add(self, block: Block) -> None:
-        self._largest("speed", np.abs(block.velocity), block.row)
-        self._largest("torque", np.abs(block.torque), block.row)
+        from cabslice.motors.statistics_kernel import add_squares
+
+        self._largest("speed", block.velocity, block.row, absolute=True)
+        self._largest("torque", block.torque, block.row, absolute=True)
         self._largest("tension_max", block.tension, block.row)
-        self._largest("tension_min", -block.tension, block.row)
+        self._largest("tension_min", block.tension, block.row, sign=-1.0)
         self._largest("angle_max", block.angle, block.row)
-        self._largest("angle_min", -block.angle, block.row)
+        self._largest("angle_min", block.angle, block.row, sign=-1.0)
         self._accelerations(block)
-        squares = np.einsum("nm,nm->m", block.torque, block.torque)
-        self.squares_before = self.squares if self.rows else np.zeros_like(squares)
-        self.squares = self.squares_before + squares
+        self.squares_before = self.squares if self.rows else np.zeros(block.torque.shape[1])
+        self.squares = self.squares_before.copy()
+        add_squares(block.torque, self.squares)
         self.filament = (self.filament[0] if self.filament else float(block.filament[0]), float(block.filament[-1]))
         self.rows, self.last = self.rows + len(block), block.row
 
-    def _accelerations(self, block: Block) -> None:
-        angle = np.concatenate((self.tail, block.angle)) if self.rows else block.angle
-        first = block.row + len(block) - len(angle) + 1
-        self._largest("acceleration", np.abs(angle[2:] - 2 * angle[1:-1] + angle[:-2]), first)
-        self.tail = angle[-2:]
+    def _peak(self, name: str, columns: int) -> Peak:
+        """A copy that may be written to."""
+        from cabslice.motors.statistics_kernel import nothing
 
-    def _largest(self, name: str, values: Array, first: int) -> None:
-        if not len(values):
-            return
-        row = np.argmax(values, axis=0)
-        value = np.take_along_axis(values, row[None], 0)[0]
         known = self.peaks.get(name)
-        if known is not None:
-            better = value > known.value
-            value, row = np.where(better, value, known.value), np.where(better, row + first, known.row)
-        else:
-            row = row + first
-        self.peaks[name] = Peak(value, row)
+        return Peak(*nothing(columns)) if known is None else Peak(known.value.copy(), known.row.copy())
+
+    def _accelerations(self, block: Block) -> None:
+        from cabslice.motors.statistics_kernel import bends
+
+        tail = self.tail if self.rows else np.zeros((0, block.angle.shape[1]))
+        peak = self._peak("acceleration", block.angle.shape[1])
+        bends(tail, block.angle, block.row - len(tail), peak.value, peak.row)
+        if len(tail) + len(block) > 2:
+            self.peaks["acceleration"] = peak
+        self.tail = np.concatenate((tail, block.angle[-2:]))[-2:]
+
+    def _largest(self, name: str, values: Array, first: int, *, absolute: bool = False, sign: float = 1.0) -> None:
+        from cabslice.motors.statistics_kernel import largest
+
+        peak = self._peak(name, values.shape[1])
+        largest(values, absolute, sign, first, peak.value, peak.row)
+        self.peaks[name] = peak
 
     def result(self) -> StreamStatistics:
         """Raises ValueError before the first block."""

@@ -1,13 +1,14 @@
-r"""The `.stream` file: fixed-point columns, differenced, split into byte planes (file layout: see frames).
+r"""The `.stream` file: fixed-point columns, differenced, packed into few bits (file layout: see frames).
 
 "layout" in the header holds columns [{name, channels, quantum}]: channels is the number of cables, or 1, and q the
 quantum of a column: value = integer * q.
 
-The inflated payload has for each column in order, C channels:
-    8 * 2C bytes  int64 the first two integers of each channel (zeros where n < 2)
-    1 byte        P, number of byte planes
-    P C (n-2)     plane b holds byte b (lowest first) of z, channel after channel, where d[i] = x[i+2] - 2 x[i+1] + x[i]
-                  and z = 2d for d >= 0, -2d - 1 for d < 0 ("zigzag")
+The payload, stored as it is, has for each column in order, C channels, G = ceil((n - 2) / 64) groups of rows:
+    8 * 2C bytes  int64 the first two integers x of each channel (zeros where n < 2)
+    C G           uint8 w, bits of a number in each group, channel after channel
+    8 sum(w)      uint64 words: for each group w of them, its 64 numbers of w bits each from the lowest bit on (the last
+                  group is filled up with zeros); a number is z = 2d for d >= 0, -2d - 1 for d < 0 ("zigzag") of
+                  d[i] = x[i] - 2 x[i-1] + x[i-2]
 """
 
 from __future__ import annotations
@@ -26,10 +27,9 @@ from cabslice.motors.formats.writing import Rows
 from cabslice.motors.stream import Block, present
 
 MAGIC = b"\x89STREAM\n"
-LARGEST = 2.0**62            # integers beyond have no second difference in 64 bits
 CABLE_ERROR_MM = 2e-6        # the angle quantum moves the cable by at most this
-QUANTA = {"velocity": 2.0**-20, "torque": 2.0**-6, "tension": 2.0**-14, "filament": 2.0**-16,
-          "feed": 2.0**-12, "move": 1.0}
+QUANTA = {"velocity": 2.0**-16, "torque": 2.0**-4, "tension": 2.0**-12, "filament": 2.0**-14,
+          "feed": 2.0**-10, "move": 1.0}
 SINGLE = ("filament", "feed", "move")        # one channel whatever the number of cables
 
 
@@ -55,38 +55,23 @@ def pack(rows: Rows, told: dict[str, Any]) -> bytes:
 
 
 def _pack_column(values: Array, column: dict[str, Any]) -> Iterator[bytes]:
-    x = np.ascontiguousarray(_integers(values, column).reshape(len(values), -1).T)
-    seeds = np.zeros((len(x), 2), "<i8")
-    seeds[:, : x.shape[1]] = x[:, :2]
-    yield seeds.tobytes()
-    d = x[:, 2:] - 2 * x[:, 1:-1] + x[:, :-2] if x.shape[1] > 2 else x[:, :0]
-    yield from planes(zigzag(d))
+    from cabslice.motors.formats import packing
 
-
-def _integers(values: Array, column: dict[str, Any]) -> Array:
-    if values.dtype.kind == "i":
-        return values.astype(np.int64, copy=False)
-    scaled = np.rint(values * (1 / column["quantum"]))
-    if len(scaled) and max(scaled.max(), -scaled.min()) >= LARGEST / 4:
+    values = values.reshape(len(values), -1)
+    channels, groups = values.shape[1], _groups(len(values))
+    seeds, widths = np.zeros((channels, 2), np.int64), np.zeros((channels, groups), np.uint8)
+    words = np.empty(channels * groups * packing.GROUP, np.uint64)
+    used = packing.pack(values, column["quantum"], seeds, widths, words)
+    if used < 0:
         most = np.abs(values).max()
         raise OutputError(f"The {column['name']} column holds {most:.6g}: too large for the stream format.")
-    return scaled.astype(np.int64)
+    yield seeds.astype("<i8", copy=False).tobytes()
+    yield widths.tobytes()
+    yield words[:used].astype("<u8", copy=False).tobytes()
 
 
-def zigzag(d: Array) -> Array:
-    """Integers with small sizes of either sign as small ones >= 0: 2d, or -2d - 1 below 0."""
-    return (d << 1) ^ (d >> 63)
-
-
-def planes(z: Array) -> Iterator[bytes]:
-    """1 byte P, then P byte planes of integers >= 0, lowest first."""
-    z = z.view(np.uint64)
-    count = (int(z.max()).bit_length() + 7) // 8 if z.size else 0
-    yield bytes([count])
-    width = 4 if count <= 4 else 8
-    raw = np.ascontiguousarray(z, f"<u{width}").view(np.uint8).reshape(-1, width)
-    for plane in range(count):
-        yield np.ascontiguousarray(raw[:, plane]).tobytes()
+def _groups(rows: int) -> int:
+    return -(-max(rows - 2, 0) // 64)
 
 
 # ---- reading
@@ -96,38 +81,27 @@ def unpack(payload: memoryview, row: int, rows: int, told: dict[str, Any]) -> Bl
     values, at = {}, 0
     for column in told["columns"]:
         x, at = _unpack_column(payload, at, rows, column["channels"])
-        shaped = x.T if column["name"] not in SINGLE else x[0]
+        shaped = x if column["name"] not in SINGLE else x[:, 0]
         values[column["name"]] = shaped if column["name"] == "move" else shaped * column["quantum"]
     return Block(row, **values)
 
 
 def _unpack_column(payload: memoryview, at: int, rows: int, channels: int) -> tuple[Array, int]:
-    seeds = np.frombuffer(payload, "<i8", 2 * channels, at).reshape(channels, 2)
+    from cabslice.motors.formats import packing
+
+    groups = _groups(rows)
+    seeds = np.frombuffer(payload, "<i8", 2 * channels, at).reshape(channels, 2).astype(np.int64)
     at += seeds.nbytes
-    d, at = unzigzag(payload, at, channels, max(rows - 2, 0))
-    x = np.zeros((channels, rows), np.int64)
-    x[:, 2:] = d
-    if rows > 1:                                    # undo the differences: once for the steps, once for the values
-        x[:, 1] = seeds[:, 1] - seeds[:, 0]
-        np.cumsum(x[:, 1:], axis=1, out=x[:, 1:])
-    x[:, 0] = seeds[:, 0]
-    np.cumsum(x, axis=1, out=x)
-    return x, at
+    widths = np.frombuffer(payload, np.uint8, channels * groups, at).reshape(channels, groups)
+    at += widths.nbytes
+    used = int(widths.sum(dtype=np.int64))
+    words = np.frombuffer(payload, "<u8", used, at).astype(np.uint64)
+    out = np.empty((rows, channels), np.int64)
+    packing.unpack(seeds, widths.copy(), words, out)
+    return out, at + 8 * used
 
 
-def unzigzag(payload: memoryview, at: int, channels: int, count: int) -> tuple[Array, int]:
-    """Integers (channels, count) of the planes at byte `at`, and where the next thing begins."""
-    size, deep = channels * count, payload[at]
-    at += 1
-    raw = np.zeros((size, 4 if deep <= 4 else 8), np.uint8)
-    for plane in range(deep):
-        raw[:, plane] = np.frombuffer(payload, np.uint8, size, at)
-        at += size
-    z = raw.view(f"<u{raw.shape[1]}").reshape(channels, -1).astype(np.uint64)
-    return ((z >> np.uint64(1)) ^ (np.uint64(0) - (z & np.uint64(1)))).view(np.int64), at
-
-
-CODEC = Codec("stream", MAGIC, 1, layout, pack, unpack)
+CODEC = Codec("stream", MAGIC, layout, pack, unpack)
 write = partial(frames.write, CODEC)
 read = partial(frames.read, CODEC)
 rows = partial(frames.rows, CODEC)

@@ -57,7 +57,7 @@ def write(stream: MotorStream, path: Any, **options: Any) -> StreamStatistics:
 
 
 class _Encoder:
-    name = "csv"
+    name, of_all = "csv", "crc"
 
     def __init__(self, stream: MotorStream) -> None:
         self.stream = stream

@@ -1,9 +1,9 @@
-r"""Binary motor files: a header, frames of deflated rows, an index; checked frame by frame, read from any row.
+r"""Binary motor files: a header, frames of rows, an index; checked frame by frame, read from any row.
 
 Layout, little-endian. CRC is CRC-32 (zlib).
 
     0    8   b"\x89STREAM\n" or b"\x89CUBICS\n": what the frames hold (see binary, hermite)
-    8    4   uint32 layout version, 1
+    8    4   uint32 layout version, 2
     12   4   uint32 H, length of the header
     16   H   header, JSON with sorted keys: that of the stream and, under "layout", block_rows and what the
              frames need to be read
@@ -14,7 +14,7 @@ Layout, little-endian. CRC is CRC-32 (zlib).
     4    8   uint64 first row
     12   4   uint32 n, rows in the frame
     16   4   uint32 Z, length of the payload
-    20   Z   payload, deflated (zlib)
+    20   Z   payload, as the kind of file says
     ..   4   uint32 CRC of the frame before
 
     trailer:
@@ -47,7 +47,7 @@ from cabslice.motors.formats.writing import BLOCK_ROWS, Rows, Sum
 from cabslice.motors.statistics import StreamStatistics
 from cabslice.motors.stream import SCHEMA, Block, MotorStream, cut
 
-LAYOUT = 1
+LAYOUT = 2
 HEAD, FRAME, CRC, END = (struct.Struct(form) for form in ("<8sII", "<4sQII", "<I", "<QIIQ8s"))
 ROWS, DONE = b"ROWS", b"DONE"
 AGAIN = "; export it again."
@@ -59,9 +59,8 @@ class Codec:
 
     name: str
     magic: bytes                                                          # 8
-    level: int                                                            # of deflate
     layout: Callable[[Mapping[str, Any], Block], dict[str, Any]]          # for the header: what unpack needs
-    pack: Callable[[Rows, dict[str, Any]], bytes]                         # the payload of a frame, not yet deflated
+    pack: Callable[[Rows, dict[str, Any]], bytes]                         # the payload of a frame
     unpack: Callable[[memoryview, int, int, dict[str, Any]], Block]       # payload, first row, rows, layout
     finish: Callable[[Iterable[Block], Mapping[str, Any]], Iterable[Block]] = lambda blocks, header: blocks
 
@@ -78,6 +77,8 @@ def write(codec: Codec, stream: MotorStream, path: Any, **options: Any) -> Strea
 
 
 class _Encoder:
+    of_all = ""
+
     def __init__(self, codec: Codec, stream: MotorStream) -> None:
         self.codec, self.stream, self.name = codec, stream, codec.name
         self.layout: dict[str, Any] = {}
@@ -95,7 +96,7 @@ class _Encoder:
         return [_checked(HEAD.pack(self.codec.magic, LAYOUT, len(header)) + header)]
 
     def rows(self, rows: Rows) -> list[bytes]:
-        payload = zlib.compress(self.codec.pack(rows, self._known(rows.block)), self.codec.level)
+        payload = self.codec.pack(rows, self._known(rows.block))
         return [_checked(FRAME.pack(ROWS, rows.block.row, len(rows.block), len(payload)) + payload)]
 
     def tail(self, sums: list[Sum]) -> list[bytes]:
@@ -237,8 +238,7 @@ def _read_frame(file: BinaryIO, path: Any, number: int, row: int) -> bytes:
 def _unpack(codec: Codec, frame: bytes, layout: dict[str, Any]) -> Block:
     """The block of a frame whose checksum is right."""
     _, row, rows, length = FRAME.unpack_from(frame)
-    payload = memoryview(zlib.decompress(memoryview(frame)[FRAME.size : FRAME.size + length]))
-    return codec.unpack(payload, row, rows, layout)
+    return codec.unpack(memoryview(frame)[FRAME.size : FRAME.size + length], row, rows, layout)
 
 
 def _name(path: Any) -> str:

@@ -5,18 +5,20 @@ hermite_kernel). Every frame begins and ends with a knot; between two frames lie
 header holds groups [{name, channels, tolerance, quantum, slope_quantum}]; the groups angle, tension and filament have
 knots of their own. A value is within `tolerance` of the row it stands for, at every row; "bounds" says what that costs.
 
-The inflated payload has for each group in order, C channels, K knots:
+The payload is deflated (zlib). Inflated it has for each group in order, C channels, K knots:
     4 bytes       uint32 K
     8 * 2C bytes  int64 of each channel: the first value, the first slope, in quanta
     planes        of h - 1 (K-1), of slope[i+1] - slope[i] (C, K-1), of value[i+1] - predicted (C, K-1),
                   predicted = value[i] + rint((slope[i] + slope[i+1]) h slope_quantum / (2 quantum))
-    where planes are 1 byte P and P planes of zigzag integers, as in binary.
+    where planes are 1 byte P and P byte planes of integers, lowest first, channel after channel, each integer d as
+    2d for d >= 0, -2d - 1 for d < 0 ("zigzag").
 
 Velocity and feed are differences of what the pieces give at the rows; the torque is that of the tension (machine).
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -27,7 +29,6 @@ from cabslice.arrays import Array
 from cabslice.errors import OutputError
 from cabslice.motors import machine
 from cabslice.motors.formats import frames
-from cabslice.motors.formats.binary import LARGEST, planes, unzigzag, zigzag
 from cabslice.motors.formats.frames import Codec
 from cabslice.motors.formats.writing import Rows, differences, neighbours
 from cabslice.motors.stream import Block
@@ -36,6 +37,8 @@ from cabslice.robot.winder import transmission, transmission_bounds
 
 MAGIC = b"\x89CUBICS\n"
 CABLE_MM, TENSION_N, FILAMENT_MM = 2e-3, 0.1, 5e-3      # tolerances; that of the angle follows the largest radius
+LEVEL = 9                                               # of deflate
+LARGEST = 2.0**60                                       # of integers
 FINER = 8                                               # quanta in a tolerance
 
 
@@ -72,7 +75,7 @@ def bounds(header: Mapping[str, Any]) -> dict[str, float]:
 
 def pack(rows: Rows, told: dict[str, Any]) -> bytes:
     """The payload of a block."""
-    return b"".join(part for group in told["groups"] for part in _pack_group(rows, group))
+    return zlib.compress(b"".join(part for group in told["groups"] for part in _pack_group(rows, group)), LEVEL)
 
 
 def _pack_group(rows: Rows, group: dict[str, Any]) -> Iterator[bytes]:
@@ -107,12 +110,27 @@ def _predicted(slopes: Array, step: Array, group: dict[str, Any]) -> Array:
     return np.rint(mean).astype(np.int64)
 
 
+def zigzag(d: Array) -> Array:
+    """Integers with small sizes of either sign as small ones >= 0: 2d, or -2d - 1 below 0."""
+    return (d << 1) ^ (d >> 63)
+
+
+def planes(z: Array) -> Iterator[bytes]:
+    """1 byte P, then P byte planes of integers >= 0, lowest first."""
+    z = z.view(np.uint64)
+    count = (int(z.max()).bit_length() + 7) // 8 if z.size else 0
+    yield bytes([count])
+    raw = np.ascontiguousarray(z, "<u8").view(np.uint8).reshape(-1, 8)
+    for plane in range(count):
+        yield np.ascontiguousarray(raw[:, plane]).tobytes()
+
+
 # ---- reading
 
 def unpack(payload: memoryview, row: int, rows: int, told: dict[str, Any]) -> Block:
     """The block of a payload: angle, tension and filament at its rows; zeros in the columns that follow from them."""
     found: dict[str, Any] = {}
-    at = 0
+    at, payload = 0, memoryview(zlib.decompress(payload))
     for group in told["groups"]:
         values, at = _unpack_group(payload, at, rows, group)
         found[group["name"]] = values[:, 0] if group["name"] == "filament" else values
@@ -132,6 +150,18 @@ def _unpack_group(payload: memoryview, at: int, rows: int, group: dict[str, Any]
     v = np.cumsum(np.concatenate((first[:, :1], rest + _predicted(s, step, group)), axis=1), axis=1)
     knot = np.concatenate(([0], np.cumsum(step)))
     return evaluate(knot, v.T * group["quantum"], s.T * group["slope_quantum"], np.arange(rows)), at
+
+
+def unzigzag(payload: memoryview, at: int, channels: int, count: int) -> tuple[Array, int]:
+    """Integers (channels, count) of the planes at byte `at`, and where the next thing begins."""
+    size, deep = channels * count, payload[at]
+    at += 1
+    raw = np.zeros((size, 8), np.uint8)
+    for plane in range(deep):
+        raw[:, plane] = np.frombuffer(payload, np.uint8, size, at)
+        at += size
+    z = raw.view("<u8").reshape(channels, -1).astype(np.uint64)
+    return ((z >> np.uint64(1)) ^ (np.uint64(0) - (z & np.uint64(1)))).view(np.int64), at
 
 
 def evaluate(knot: Array, value: Array, slope: Array, at: Array) -> Array:
@@ -157,6 +187,6 @@ def finish(blocks: Iterable[Block], header: Mapping[str, Any]) -> Iterator[Block
         yield Block(block.row, block.angle, velocity, torque, block.tension, block.filament, feed=feed)
 
 
-CODEC = Codec("hermite", MAGIC, 9, layout, pack, unpack, finish)
+CODEC = Codec("hermite", MAGIC, layout, pack, unpack, finish)
 write = partial(frames.write, CODEC)
 read = partial(frames.read, CODEC)

@@ -11,6 +11,7 @@ import json
 import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -45,25 +46,25 @@ def write(
     resume: bool = False,
 ) -> StreamStatistics:
     """Write a stream (see writing.write for the options and errors). Raises UsageError where pyarrow is missing."""
-    arrow, tally, check = _pyarrow(), Tally(stream.period_s), 0
+    arrow, tally = _pyarrow(), Tally(stream.period_s)
+    tell = progress or (lambda rows: None)
     with atomic(path, overwrite) as file:
-        writer = None
-        for block in rechunk(observed(stream, tally), BLOCK_ROWS):
-            columns = _columns(block, stream.period_s)
-            schema = _schema(arrow, columns)
-            writer = writer or arrow.parquet.ParquetWriter(
-                file, schema, compression="zstd", use_dictionary=False, write_statistics=False,
-                write_page_checksum=True, store_schema=False, use_byte_stream_split=True,
-            )
-            writer.write_table(arrow.table(list(columns.values()), schema=schema), row_group_size=BLOCK_ROWS)
-            check = _sum(columns, check)
-            if progress:
-                progress(tally.rows)
-        if writer is None or tally.rows != stream.rows:
-            raise ValueError(f"the header says {stream.rows} rows, the blocks held {tally.rows}")
-        header = json.dumps(dict(stream.header), sort_keys=True, allow_nan=False)
-        writer.add_key_value_metadata({KEY: header.encode(), SUM: str(check).encode()})
-        writer.close()
+        blocks = rechunk(observed(stream, tally), BLOCK_ROWS)
+        first = next(blocks)
+        schema, check = _schema(arrow, _columns(first, stream.period_s)), 0
+        with arrow.parquet.ParquetWriter(
+            file, schema, compression="zstd", use_dictionary=False, write_statistics=False, write_page_checksum=True,
+            store_schema=False, use_byte_stream_split=True,
+        ) as writer:
+            for block in chain([first], blocks):
+                columns = _columns(block, stream.period_s)
+                writer.write_table(arrow.table(list(columns.values()), schema=schema), row_group_size=BLOCK_ROWS)
+                check = _sum(columns, check)
+                tell(tally.rows)
+            if tally.rows != stream.rows:
+                raise ValueError(f"the header says {stream.rows} rows, the blocks held {tally.rows}")
+            header = json.dumps(dict(stream.header), sort_keys=True, allow_nan=False)
+            writer.add_key_value_metadata({KEY: header.encode(), SUM: str(check).encode()})
     return tally.result()
 
 

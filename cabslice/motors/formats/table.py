@@ -72,6 +72,8 @@ def write(table: Table, stream: MotorStream, path: Any, **options: Any) -> Strea
 
 
 class _Encoder:
+    of_all = "sha"
+
     def __init__(self, table: Table, stream: MotorStream) -> None:
         self.table, self.stream, self.name = table, stream, table.name
 

@@ -30,8 +30,9 @@ Progress = Callable[[int], None]
 class Sum:
     """What is known of a file so far."""
 
+    of_all: str = ""                                     # "crc" or "sha": what is wanted of all bytes
     size: int = 0
-    crc: int = 0                                         # of all bytes
+    crc: int = 0
     sha: Any = field(default_factory=hashlib.sha256)
     ends: list[int] = field(default_factory=list)        # of head and blocks
     crcs: list[int] = field(default_factory=list)        # of head and blocks, each by itself
@@ -39,8 +40,10 @@ class Sum:
 
     def add(self, part: bytes) -> None:
         self.size += len(part)
-        self.crc = zlib.crc32(part, self.crc)
-        self.sha.update(part)
+        if self.of_all == "crc":
+            self.crc = zlib.crc32(part, self.crc)
+        elif self.of_all == "sha":
+            self.sha.update(part)
         self.ends.append(self.size)
         self.crcs.append(zlib.crc32(part))
         self.tips.append(part[-4:])
@@ -59,6 +62,7 @@ class Encoder(Protocol):
     """Bytes for one or more files. `sums` are those of its files, head and blocks first."""
 
     name: str
+    of_all: str             # see Sum
 
     def paths(self, path: Path) -> list[Path]:
         """The files, the one that is asked for first; with a sidecar, that one last."""
@@ -84,7 +88,7 @@ def write(
     if str(path) == STDOUT:
         return _to_stdout(encoder, stream, tally, tell)
     paths = encoder.paths(Path(path))
-    sums = [Sum() for _ in paths]
+    sums = [Sum(encoder.of_all) for _ in paths]
     with Unfinished(paths, _key(encoder, stream), overwrite=overwrite, resume=resume) as work:
         def take(parts: list[bytes], note: Any) -> None:
             _add(sums, parts)
@@ -94,14 +98,14 @@ def write(
         tell(tally.rows)
         for parts in _steps(encoder, stream, tally, headed=bool(sums[0].ends)):
             _add(sums, parts)
-            work.step(parts, tally.note())
+            work.step(parts, tally.note(), [known.crcs[-1] for known in sums])
             tell(tally.rows)
         work.finish(encoder.tail(sums))
     return tally.result()
 
 
 def _to_stdout(encoder: Encoder, stream: MotorStream, tally: Tally, tell: Progress) -> StreamStatistics:
-    sums = [Sum() for _ in encoder.paths(Path("x"))]
+    sums = [Sum(encoder.of_all) for _ in encoder.paths(Path("x"))]
     if len(sums) > 1:
         raise UsageError(f"{encoder.name} is more than one file and cannot go to standard output: give -o FILE.")
     with atomic(STDOUT) as file:
