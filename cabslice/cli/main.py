@@ -30,7 +30,7 @@ COMMANDS = {
         "stiffness": "how stiffly do the cables hold the platform?",
     },
     "Set up": {
-        "profile": "printers, materials and processes: list, show, check, new, keys",
+        "profile": "printers, materials and processes: list, show, check, new, keys, use, ...",
     },
 }
 
