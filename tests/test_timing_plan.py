@@ -18,6 +18,7 @@ from cabslice.timing.limits import Nodes, limits_of, rows
 from cabslice.timing.retime import plan
 from cabslice.timing.rules import ArrayRules, CompiledRules
 from cabslice.timing.trajectory import sample, slowed
+from cabslice.toolpath.path import EventKind, Events
 
 ROBOT = cabfab_optim()
 
@@ -200,3 +201,38 @@ def test_what_the_audit_still_finds_is_cured_by_slowing_that_piece_alone(monkeyp
     assert judged(cured, toolpath, step_s=1e-3).ok
     spans = [np.diff(motion.time[[motion.pieces[1], motion.pieces[2] - 1]])[0] for motion in (hasty, cured)]
     assert spans[0] == pytest.approx(spans[1], abs=1e-9)
+
+
+def test_the_audit_weighs_the_platform_in_the_gravity_of_the_robot():
+    toolpath = print_like(0)
+    trajectory = planned(toolpath)
+    heavy = replace(ROBOT, gravity=np.array([0.0, 0.0, -3e5]))
+    verdict = audit(trajectory, toolpath, heavy, PRINTER, MATERIAL, PROCESS)
+    assert "tension" in {found.code for found in verdict.findings}
+
+
+def test_the_audit_sees_speed_on_facets_shorter_than_its_step():
+    """Moves too short for a whole difference to lie in one of them are judged by the fastest around."""
+    angle = np.linspace(0, 2 * np.pi, 4001)
+    circle = np.stack((40 * np.cos(angle), 40 * np.sin(angle), np.full(4001, 1.0)), axis=1)
+    fast = polyline(points=circle, pieces=1, speed=100.0)
+    slow = polyline(points=circle, pieces=1, speed=20.0)
+    assert judged(planned(slow), slow).ok
+    assert "feature-speed" in {found.code for found in judged(planned(fast), slow).findings}
+
+
+def test_the_audit_sees_a_missing_pause_and_a_piece_begun_half_way():
+    toolpath = print_like(0)
+    paused = replace(toolpath, events=Events(toolpath.starts[[1]], [EventKind.DWELL], [5.0]))
+    assert judged(planned(paused), paused).ok
+    assert planned(paused).duration == pytest.approx(planned(toolpath).duration + 5.0)
+    assert "dwell" in {found.code for found in judged(planned(toolpath), paused).findings}
+    whole = planned(toolpath)
+    cut = replace(whole, s=np.where(np.arange(len(whole.s)) == 0, 0.05, whole.s))
+    assert "missed" in {found.code for found in judged(cut, toolpath).findings}
+
+
+def test_a_motor_too_weak_for_the_least_tension_is_named():
+    winders = replace(ROBOT.winders, continuous_torque=np.full(8, 10.0))
+    with pytest.raises(ImpossibleError, match=r"cable \d: its motor cannot hold"):
+        plan(print_like(0), replace(ROBOT, winders=winders), PRINTER, MATERIAL, PROCESS)

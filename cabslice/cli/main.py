@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from cabslice import __version__, errors
+from cabslice.cli import interrupt
 from cabslice.cli.report import print_json
 
 COMMANDS = {
@@ -86,11 +87,16 @@ def cli(ctx: click.Context) -> None:
 
 
 def run() -> None:
-    sys.exit(main(sys.argv[1:]))
+    try:
+        code = main(sys.argv[1:])
+    except KeyboardInterrupt:      # a second one, while the end of the first was being told
+        code = errors.EXIT_INTERRUPTED
+    sys.exit(code)
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run one command line; the exit code."""
+    interrupt.watch()
     try:
         with cli.make_context("cabslice", list(arguments)) as context:
             cli.invoke(context)
@@ -128,7 +134,7 @@ def _closed_pipe() -> int:
 
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code and sentence of anything that can be raised."""
-    if isinstance(error, (KeyboardInterrupt, click.Abort)):
+    if isinstance(error, (KeyboardInterrupt, click.Abort)) or interrupt.asked():
         return errors.EXIT_INTERRUPTED, "Interrupted; nothing was written."
     if isinstance(error, errors.CabsliceError):
         return error.exit_code, error.sentence

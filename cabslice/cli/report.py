@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TextIO
 
+from cabslice.cli import interrupt
+
 Tick = Callable[[str, int, int], None]   # stage, done, total
 Row = Sequence[str]
 
@@ -60,6 +62,7 @@ class Talk:
         began = time.perf_counter()
         with self._bars() as tick:
             def timed(stage: str, done: int, total: int) -> None:
+                interrupt.heed()
                 last[stage] = time.perf_counter()
                 tick(stage, done, total)
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
-from cabslice.robot.model import GRAVITY, NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.tension import unmeasured
 from cabslice.robot.wrench import wrench_matrix
 from cabslice.timing.trajectory import Trajectory, sample
-from cabslice.toolpath.path import Toolpath
+from cabslice.toolpath.path import EventKind, Toolpath
 
 STEP_S = 1e-3
 BLOCK_ROWS = 20_000
@@ -38,7 +38,7 @@ Progress = Callable[[int, int], None]
 
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
-         "missed": "vertices"}
+         "missed": "", "dwell": "s"}
 
 
 @dataclass
@@ -54,7 +54,8 @@ class Worst:
             return
         limit = np.broadcast_to(limit, value.shape)
         share = np.where(value > 0, value / np.maximum(limit, 1e-300), 0.0)
-        at = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
+        share = np.where(np.isnan(value), np.inf, share)
+        at = int(np.argmax(share))
         entry = (float(share[at]), float(value[at]), float(limit[at]), float(times[at]), int(move[at]), cable)
         if code not in self.seen or not entry[0] <= self.seen[code][0]:
             self.seen[code] = entry
@@ -126,11 +127,11 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     times = np.arange(first - 1, last + 1) * step
     seen = sample(subject.trajectory, times)
     place, move = seen.poses[:, :3], seen.move
-    velocity = (place[2:] - place[:-2]) / (2 * step)
     accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
     worst, now, at = Worst(), times[1:-1], move[1:-1]
     around = np.stack((move[:-2], move[1:-1], move[2:]))
-    _kinematic(subject, worst, now, at, around, velocity, accel)
+    stride = np.linalg.norm(np.diff(place, axis=0), axis=1) / step
+    _kinematic(subject, worst, now, at, around, np.maximum(stride[1:], stride[:-1]), accel)
     _feeding(subject, worst, now, at, around, seen.filament)
     _cables(subject, worst, now, at, seen.poses[1:-1], accel)
     place = place - subject.trajectory.to_pose
@@ -141,16 +142,19 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
 
 
 def _kinematic(
-    subject: Subject, worst: Worst, now: Array, at: Array, around: Array, velocity: Array, accel: Array
+    subject: Subject, worst: Worst, now: Array, at: Array, around: Array, speed: Array, accel: Array
 ) -> None:
     motion = subject.printer.motion
-    speed = np.linalg.norm(velocity, axis=1)
     worst.see("speed", speed, motion.max_speed_mm_s, now, at)
-    single = around[0] == around[2]
-    asked = np.maximum(subject.asked[at], 1e-9)
-    worst.see("feature-speed", speed[single], asked[single], now[single], at[single])
+    worst.see("feature-speed", speed, np.maximum(_over_moves(np.maximum, subject.asked, around), 1e-9), now, at)
     if motion.max_acceleration_mm_s2:
         worst.see("acceleration", np.abs(accel).max(axis=1), motion.max_acceleration_mm_s2, now, at)
+
+
+def _over_moves(reduce: np.ufunc, column: Array, around: Array) -> Array:
+    """`column` (N,) reduced over all moves from the sample before to the sample after, (K,)."""
+    spans = np.stack((around[0], around[2] + 1), axis=1).ravel()
+    return reduce.reduceat(np.append(column, column[-1]), spans)[::2]
 
 
 def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Array, filament: Array) -> None:
@@ -158,10 +162,10 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
     feed = np.diff(filament) / step                                    # mean over each step
     both = np.maximum(np.abs(feed[1:]), np.abs(feed[:-1]))
     worst.see("filament-speed", both, extruder.max_speed_mm_s, now, at)
-    single = (around[0] == around[2]) & (subject.asked[at] > 0)
-    flow = both[single] * subject.toolpath.filament_area_mm2
+    moving = _over_moves(np.minimum, subject.asked, around) > 0
+    flow = both[moving] * subject.toolpath.filament_area_mm2
     melted = min(extruder.max_flow_mm3_s, subject.material.max_flow_mm3_s)
-    worst.see("flow", flow, melted, now[single], at[single])
+    worst.see("flow", flow, melted, now[moving], at[moving])
     jump = extruder.max_jump_mm_s * np.maximum(around[2] - around[0], 1) + extruder.max_acceleration_mm_s2 * 2 * step
     worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
 
@@ -169,7 +173,7 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
 def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> None:
     """Tensions that hold the platform on the motion exist within the bounds: found, then verified on the spot."""
     robot = subject.robot
-    force = robot.mass * (accel - GRAVITY) * NEWTON                  # the platform is level and does not turn
+    force = robot.mass * (accel - robot.gravity) * NEWTON                  # the platform is level and does not turn
     required = np.hstack((force, np.cross(robot.centre_of_mass, force)))
     wrench, free = wrench_matrix(robot, poses), robot.freedoms
     bounds = robot.tension_min, robot.tension_max, robot.tension_reference
@@ -223,11 +227,33 @@ def _ends(subject: Subject) -> Worst:
     at_end = np.array([trajectory.duration])
     worst.see("vertex", np.maximum(missing - PLACE_MM, 0), subject.process.corner_mm, at_end, last)
     lost = np.abs(end.filament - toolpath.filament.sum())
-    worst.see("filament", lost, np.full(1, 1e-6), at_end, last)
+    worst.see("filament", lost, np.full(1, 1e-6 + 1e-12 * np.abs(toolpath.filament).sum()), at_end, last)
+    begin = sample(trajectory, np.zeros(1))
+    astray = np.linalg.norm(begin.poses[:, :3] - trajectory.to_pose - toolpath.xyz[:1], axis=1)
+    worst.see("vertex", np.maximum(astray - PLACE_MM, 0), subject.process.corner_mm, np.zeros(1), np.zeros(1, np.int64))
+    _whole_pieces(subject, worst)
     ends = trajectory.pieces[1:] - 1
     rate = np.sqrt(np.maximum(trajectory.x[ends], trajectory.x[trajectory.pieces[:-1]]))
     worst.see("rest", rate, np.full(len(rate), 1e-6), trajectory.time[ends], trajectory.move[ends])
     return worst
+
+
+def _whole_pieces(subject: Subject, worst: Worst) -> None:
+    """Every piece is run from its start to the end of its length, with the rest before it that was asked for."""
+    trajectory, toolpath = subject.trajectory, subject.toolpath
+    first, last = trajectory.pieces[:-1], trajectory.pieces[1:] - 1
+    span = np.where(toolpath.lengths > 0, toolpath.lengths, np.abs(toolpath.filament))
+    length = np.add.reduceat(np.append(span, 0.0), toolpath.starts)[:-1]
+    short = np.maximum(np.abs(trajectory.s[first]), np.abs(trajectory.s[last] - length))
+    worst.see("missed", short, 1e-6 + 1e-9 * length, trajectory.time[last], trajectory.move[last])
+    events = toolpath.events
+    waits = np.zeros(len(first))
+    dwell = events.kind == EventKind.DWELL
+    piece = np.searchsorted(toolpath.starts, events.index[dwell], side="left")
+    np.add.at(waits, np.minimum(piece, len(waits) - 1), events.value[dwell])
+    rested = trajectory.time[first] - np.concatenate(([0.0], trajectory.time[last[:-1]]))
+    short = np.maximum(waits - rested, 0)
+    worst.see("dwell", short, np.full(len(waits), 1e-6), trajectory.time[first], trajectory.move[first])
 
 
 def _coverage(subject: Subject, worst: Worst) -> None:
@@ -248,7 +274,8 @@ SENTENCES = {
     "path": "the nozzle leaves the toolpath by more than the corner tolerance",
     "vertex": "a vertex of the toolpath is passed too far away",
     "filament": "filament was lost",
-    "missed": "vertices of the toolpath are not passed",
+    "missed": "a part of the toolpath is not passed",
+    "dwell": "a pause that was asked for is missing",
     "rest": "a piece does not start and end at rest",
 }
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.errors import ImpossibleError
 from cabslice.robot.kinematics import length_accelerations
 from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.reach import tension_rows
@@ -102,7 +103,12 @@ def highest_tension(robot: Robot) -> Array:
         return robot.tension_max
     winders = robot.winders
     torque = winders.continuous_torque * (1 - TORQUE_SHARE) - winders.friction
-    return np.minimum(robot.tension_max, torque / transmission_bounds(winders)[1])
+    most = np.minimum(robot.tension_max, torque / transmission_bounds(winders)[1])
+    if (most <= robot.tension_min).any():
+        cable = int(np.argmin(most - robot.tension_min)) + 1
+        raise ImpossibleError(f"cable {cable}: its motor cannot hold the least tension: {most[cable - 1]:.3g} N"
+                              f" for ever on its longest lever, at least {robot.tension_min[cable - 1]:.3g} N needed")
+    return most
 
 
 def winding_caps(robot: Robot) -> tuple[Array, Array]:

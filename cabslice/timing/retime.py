@@ -18,7 +18,7 @@ from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.timing.grid import Grid, lay_grid
-from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit
+from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_tension, highest_x, limits_of, speed_limit
 from cabslice.timing.path import Path, evaluate, smooth
 from cabslice.timing.rules import Rules, rules_for
 from cabslice.timing.trajectory import Trajectory, averaged, move_at, times_between
@@ -28,6 +28,7 @@ BLOCK_NODES = 20_000       # nodes planned together
 ROUNDS = 6                 # of tightening where the motion between the nodes breaks a limit
 SLACK = RESERVE / 2        # of the reserve that motion between nodes may use
 OVERSHOOT = 1e-9           # of the asked speed: rounding
+PART_OF_CORNER = 0.98      # of the corner tolerance that blends use; the audit measures with finite steps
 Progress = Callable[[int, int], None]
 
 
@@ -80,7 +81,7 @@ def plan(
 
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
-    path, limits = smooth(toolpath, process.corner_mm), limits_of(printer, material)
+    path, limits = smooth(toolpath, PART_OF_CORNER * process.corner_mm), limits_of(printer, material)
     grid, speed = lay_grid(path, toolpath.starts), speed_limit(toolpath, path, limits)
     return Task(robot, limits, toolpath, path, grid, speed, highest_x(grid, path, limits, speed),
                 rules_for(robot, limits, engine))
@@ -131,7 +132,7 @@ def _solved(task: Task, block: Block, tight: Array) -> Array:
     places = _nodes(task, block.move, block.sigma)
     x, margin = task.rules.solve(places, tight, _tops(task, block) / tight, block.step, block.offsets)
     if (margin <= 0).any():
-        raise _cannot_rest(task, block.move, margin)
+        raise _cannot_rest(task, block, margin)
     return x
 
 
@@ -164,6 +165,8 @@ def _broken(task: Task, block: Block, x: Array) -> Array | None:
     places = _nodes(task, move, np.clip(s - task.path.start[move], 0.0, task.path.length[move]))
     share = task.rules.used(places, u, rate**2) / (1 + SLACK)
     share = np.maximum(share, (rate / task.speed[move]) ** 2 / (1 + OVERSHOOT))
+    if not np.isfinite(share).all():
+        raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
     bad = np.flatnonzero(~(share <= 1))
     return _around(trajectory, times[bad], share[bad], task.limits.window) if len(bad) else None
 
@@ -191,12 +194,14 @@ def _around(trajectory: Trajectory, times: Array, share: Array, window: float) -
     return factor
 
 
-def _cannot_rest(task: Task, move: Array, margin: Array) -> ImpossibleError:
+def _cannot_rest(task: Task, block: Block, margin: Array) -> ImpossibleError:
     worst = int(np.argmin(margin))
-    row = move[worst]
-    layer = int(task.toolpath.layer[row])
-    x, y, z = (float(value) for value in task.toolpath.xyz[row])
-    sentence = (f"layer {layer}: no cable tensions within bounds hold the platform with the nozzle near "
+    row = block.move[[worst]]
+    layer = int(task.toolpath.layer[row[0]])
+    x, y, z = (float(value) for value in evaluate(task.path, row, block.sigma[[worst]]).q[0])
+    most = highest_tension(task.robot)
+    held = f" (the motors hold {most.min():.1f} N for ever)" if (most < task.robot.tension_max).any() else ""
+    sentence = (f"layer {layer}: no cable tensions within bounds{held} hold the platform with the nozzle near "
                 f"x {x:.1f} y {y:.1f} z {z:.1f} mm")
     finding = Finding("tension", layer, (x, y, z), 0, float(margin[worst]), 0.0, "of the range", sentence,
                       "move the part towards the middle of the bed or lower its height")
