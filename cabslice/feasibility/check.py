@@ -55,8 +55,8 @@ def check(toolpath: Toolpath, robot: Robot, *, progress: Progress | None = None)
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
     grow = grown(robot)
     verdict = verdict.joined(_plate(job, moves, grow))
-    verdict = verdict.joined(Verdict(("Not checked: the nozzle and the platform against the part.",)))
-    return verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, tell))
+    verdict = verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, tell))
+    return verdict.joined(Verdict(("Not checked: the nozzle and the platform against the part.",)))
 
 
 def _places(job: Job, tell: Progress) -> Verdict:
