@@ -14,6 +14,7 @@ nothing, and a stream is made only where the audit of the finished motion found 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -321,6 +322,7 @@ def stream_header(plan: Planned, verdict: Verdict, period_s: float) -> dict[str,
         "repairs": list(origin.repairs),
         "placement": placement_of(origin),
         "profiles": profile_names(origin),
+        "printer": json.loads(origin.printer),
         "numbers": numbers_of(plan, period_s),
         "verdict": verdict.as_dict(),
         **_encoders(origin),

@@ -2,12 +2,20 @@
 
 import importlib.util
 import json
+import subprocess
+import sys
 
+import numpy as np
 import pytest
 from cli_cases import PRINTER, SETS, answered, run, write_box
 
+from cabslice.errors import ProductError
 from cabslice.motors import formats
+from cabslice.motors.check import ASIDE
+from cabslice.motors.machine import robot_of
 from cabslice.motors.names import NAMES
+from cabslice.robot.forward import forward
+from cabslice.robot.winder import pulley_lengths_of
 
 ARROW = pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="needs pyarrow")
 EACH = pytest.mark.parametrize("name", [pytest.param(n, marks=ARROW) if n == "parquet" else n for n in NAMES])
@@ -83,3 +91,44 @@ def test_a_damaged_drive_file_is_refused_with_the_place(planned, tmp_path, monke
     code, told = answered(capsys, "inspect", "box.csp")
     assert code == 3
     assert "box.csp.json is damaged" in told["error"]["sentence"]
+
+
+def test_a_motor_file_is_read_with_nothing_beside_it(planned, tmp_path, monkeypatch, capsys):
+    """The printer it was made for, with what -s changed of it, is in the file: another plate moves the drawn nozzle."""
+    monkeypatch.chdir(tmp_path)
+    part = write_box(tmp_path / "box.stl")
+    assert run("export", part, *PRINTER, *SETS, "-s", "platform.mass_kg=2.5", "-q") == 0
+    assert run("inspect", "box.stream", "--png", "box.png", "-q") == 0
+    header = formats.read("box.stream").header
+    robot = robot_of(header)
+    assert robot.mass == 2.5
+    length = pulley_lengths_of(robot, np.array([header["start_angles_rad"]]), np.array([header["start_tensions_n"]]))
+    pose = forward(robot, length, np.array(header["start_pose"]) + ASIDE).poses[0]
+    np.testing.assert_allclose(pose, header["start_pose"], rtol=0, atol=1e-6)
+    for wrong in ({"printer": {**header["printer"], "colour": "red"}}, {"printer": json.loads(json.dumps(
+            header["printer"]).replace("2.5", "2.6"))}):
+        with pytest.raises(ProductError, match="printer in the motor file"):
+            robot_of({**header, **wrong})
+    with pytest.raises(ProductError, match="export it again"):
+        robot_of({key: value for key, value in header.items() if key != "printer"})
+
+
+@pytest.mark.parametrize(("words", "wanted"), [
+    (["box.plan", "--png", "box.txt"], "does not end in .png"), (["box.plan", "--scale", 2], "is no mesh"),
+    (["box.stream", "--at", "5 5"], "is no mesh"),
+])
+def test_inspect_refuses_what_it_would_not_heed(planned, tmp_path, monkeypatch, capsys, words, wanted):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "box.plan").write_bytes(planned.read_bytes())
+    assert run("export", "box.plan", "-q") == 0
+    code, told = answered(capsys, "inspect", *words)
+    assert code == 2
+    assert wanted in told["error"]["sentence"]
+
+
+def test_what_went_to_standard_output_is_not_called_a_dash(planned, tmp_path):
+    done = subprocess.run([sys.executable, "-m", "cabslice", "export", planned, "-o", "-"], capture_output=True)
+    assert done.returncode == 0
+    (tmp_path / "piped.stream").write_bytes(done.stdout)
+    assert formats.read(tmp_path / "piped.stream").rows > 0
+    assert b"wrote" not in done.stderr

@@ -173,7 +173,7 @@ def targets(output: Output, png: str | None, name: str, talk: Talk) -> tuple[Tar
     if png is not None:
         if output.to is not None and Path(output.to) == Path(png):
             raise UsageError(f"-o and --png both name {png}.")
-        options.claim(png, output.overwrite)
+        options.claim_picture(png, output.overwrite)
     if output.to is None and output.format is None:
         return None, talk
     return options.target(output, name, FORMATS, talk)

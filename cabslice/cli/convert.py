@@ -45,4 +45,4 @@ def convert(file: str, out: str, format_: str | None, overwrite: bool, resume: b
         )
     content = {"ok": True, "command": "convert", "file": file, "kind": source.name, "output": target.path,
                "format": target.format, "numbers": found}
-    talk.answer(content, tables.number_table(found), tables.cable_table(found), f"wrote {target.path}")
+    talk.answer(content, tables.number_table(found), tables.cable_table(found), target.wrote)

@@ -48,6 +48,6 @@ def export(
     name = pipeline.profiles_of(planned.origin).printer.name
     talk.answer(
         content, f"{name} can make {planned.origin.part}: check and audit found nothing against it.",
-        tables.number_table(found), tables.cable_table(found), f"wrote {target.path}",
+        tables.number_table(found), tables.cable_table(found), target.wrote,
         *([f"next: cabslice inspect {target.path}"] if target.path != "-" else []),
     )

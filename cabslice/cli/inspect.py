@@ -21,7 +21,7 @@ def inspect(file: str, placing: Placing, png: str | None, overwrite: bool, talk:
     Shows size, layers, filament, print time, and the peaks of speed, acceleration, tension and torque of each cable.
     """
     if png:
-        options.claim(png, overwrite)
+        options.claim_picture(png, overwrite)
     from cabslice.cli import tables
     from cabslice.cli.opened import opened
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cabslice.cli.options import Placing
-from cabslice.errors import ModelError, ProfileError, UsageError
+from cabslice.errors import ModelError, UsageError
 
 if TYPE_CHECKING:
     from cabslice.view.picture import Curve
@@ -25,13 +25,20 @@ class Seen:
 
 
 def opened(file: str, placing: Placing) -> Seen:
-    """Raises ModelError or ProductError."""
-    from cabslice import pipeline, store
-    from cabslice.motors.formats import FORMATS, format_of
-
+    """Raises ModelError or ProductError, and UsageError for a placing of what has its place."""
     path = Path(file)
     if not path.is_file():
         raise ModelError(f"{file}: there is no such file.", file=file)
+    seen = _seen(path, placing)
+    if placing.given and seen.kind != "part":
+        raise UsageError(f"{file} is no mesh: --unit, --scale, --turn and --at place a part that is not sliced yet.")
+    return seen
+
+
+def _seen(path: Path, placing: Placing) -> Seen:
+    from cabslice import pipeline, store
+    from cabslice.motors.formats import FORMATS, format_of
+
     if store.is_product(path) or path.suffix.removeprefix(".") in store.KINDS:
         return _product(path)
     if path.suffix.lower() in pipeline.GCODE:
@@ -90,6 +97,7 @@ def _planned_numbers(product: Any) -> dict[str, Any]:
 
 
 def _stream(path: Path, format: Any) -> Seen:
+    from cabslice.motors.machine import robot_of
     from cabslice.view import numbers, picture
 
     stream = format.read(path)
@@ -98,22 +106,7 @@ def _stream(path: Path, format: Any) -> Seen:
     title = f"{header.get('part', {}).get('name', path.name)}: motor file for {header['robot']}"
     notes = "\n".join(["checked:", *(f"  {line}" for line in header.get("verdict", {}).get("checked", ()))])
     return Seen(format.name, title, about, numbers.of_stream(stream), notes,
-                lambda: picture.curve_of_stream(stream, _robot(header), title))
-
-
-def _robot(header: dict[str, Any]) -> Any:
-    """The robot a motor file was made for, by the name and hash of its profile."""
-    from cabslice.profile import shelf
-    from cabslice.robot.model import robot_from_printer
-
-    row = header.get("profiles", {}).get("printer", {"name": header["robot"], "sha256": ""})
-    printer = shelf.load_printer(row["name"])
-    if shelf.profile_hash(printer) != row["sha256"]:
-        raise ProfileError(row["name"], [
-            "is not the printer this motor file was made for (its hash differs): draw the .plan instead, "
-            "or inspect without --png."
-        ])
-    return robot_from_printer(printer)
+                lambda: picture.curve_of_stream(stream, robot_of(header), title))
 
 
 def _nothing() -> Curve:

@@ -135,6 +135,11 @@ class Target:
     format: str
     overwrite: bool
 
+    @property
+    def wrote(self) -> str:
+        """To be said when it is done."""
+        return "" if self.path == "-" else f"wrote {self.path}"
+
 
 def target(
     output: Output, source: str, formats: Sequence[str] | Mapping[str, str], talk: Talk
@@ -188,3 +193,10 @@ def claim(path: str | Path, overwrite: bool) -> None:
             pass
     except OSError as error:
         raise OutputError(f"Nothing can be written into {path.parent}: {error.strerror}.", file=str(path)) from error
+
+
+def claim_picture(path: str, overwrite: bool) -> None:
+    """The same for a picture, which must be called one. Raises UsageError, OutputError."""
+    if not path.lower().endswith(".png"):
+        raise UsageError(f"--png draws a PNG; {path} does not end in .png.")
+    claim(path, overwrite)

@@ -33,4 +33,4 @@ def plan(file: str, machine: Machine, placing: Placing, engine: str, jobs: int, 
     found = pipeline.numbers_of(planned)
     store.save(planned, target.path, overwrite=target.overwrite)
     content = summary("plan", product, target.path) | {"numbers": found, "verdict": verdict.as_dict()}
-    talk.answer(content, tables.number_table(found), tables.checked_lines(verdict), f"wrote {target.path}")
+    talk.answer(content, tables.number_table(found), tables.checked_lines(verdict), target.wrote)

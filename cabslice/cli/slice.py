@@ -43,4 +43,4 @@ def slice(file: str, machine: Machine, placing: Placing, output: Output, talk: T
             else:
                 pipeline.save_gcode(laid, target.path, overwrite=target.overwrite)
     content = summary("slice", product, target.path) | {"numbers": found}
-    talk.answer(content, tables.number_table(found), f"wrote {target.path}")
+    talk.answer(content, tables.number_table(found), target.wrote)

@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
+from cabslice.motors.block import Block
 from cabslice.robot.model import Robot
 from cabslice.robot.rotation import matrix
-
-if TYPE_CHECKING:
-    from cabslice.motors.stream import Block
 
 Place = tuple[int, tuple[float, float, float]]
 TENSION_SLACK = 1e-6      # N: rounding of the distribution at a bound

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.errors import ProductError
 from cabslice.robot import kinematics, winder
-from cabslice.robot.model import NEWTON, Robot, WinderColumns
+from cabslice.robot.model import NEWTON, Robot, WinderColumns, robot_from_printer
 from cabslice.robot.rotation import matrix
 
 PLACES, MARGIN = 256, 1.05
@@ -57,6 +58,26 @@ def winders_of(header: Mapping[str, Any]) -> WinderColumns:
     low, high = (np.array([row[end] for row in given["span"]], float) for end in (0, 1))
     span = np.stack((np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)), axis=1)
     return WinderColumns(centre=np.full((len(span), 3), np.nan), span=span, **columns)
+
+
+def robot_of(header: Mapping[str, Any]) -> Robot:
+    """The robot a motor file was made for, from the printer profile its header carries whole ("printer").
+
+    Raises ProductError where the header has none, or another one than the hash in "profiles" says.
+    """
+    from cabslice.profile import shelf
+    from cabslice.profile.printer import Printer
+
+    if "printer" not in header:
+        raise ProductError("The motor file does not carry the profile of its printer: export it again.")
+    try:
+        printer = Printer.model_validate(header["printer"])
+    except ValueError as error:
+        raise ProductError(f"The printer in the motor file is not one of this version ({error}).") from error
+    told = header.get("profiles", {}).get("printer", {}).get("sha256")
+    if told not in (None, shelf.profile_hash(printer)):
+        raise ProductError("The printer in the motor file is not the one its hash names: export it again.")
+    return robot_from_printer(printer)
 
 
 def torque(winders: WinderColumns, angle: Array, velocity: Array, acceleration: Array, tension: Array) -> Array:

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.motors.block import Block
 from cabslice.robot.model import WinderColumns
 from cabslice.robot.winder import layer
 
 if TYPE_CHECKING:
-    from cabslice.motors.stream import Block, MotorStream
+    from cabslice.motors.stream import MotorStream
 
 
 @dataclass(frozen=True)

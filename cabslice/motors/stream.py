@@ -20,20 +20,23 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NoReturn
 
 import numpy as np
 
 from cabslice import __version__
-from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError, PoseError, UsageError
 from cabslice.feasibility.findings import Finding
 from cabslice.motors import machine
+from cabslice.motors.block import Block, cut, present, rechunk
 from cabslice.motors.limits import Limits, nozzle_xyz, when_where
 from cabslice.robot import kinematics, tension, winder, wrench
 from cabslice.robot.model import Robot
+
+__all__ = ["Block", "MotorStream", "cut", "make_stream", "present", "rechunk", "row_count"]
 
 SCHEMA = 1
 BLOCK_ROWS = 8192
@@ -45,48 +48,14 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Block:
-    """Consecutive rows from `row` on."""
-
-    row: int
-    angle: Array                # (n, m) rad
-    velocity: Array             # (n, m) rad/s
-    torque: Array               # (n, m) N mm
-    tension: Array              # (n, m) N, planned
-    filament: Array             # (n,) mm since the start
-    move: Array | None = None   # (n,) int64, row of the toolpath
-    feed: Array | None = None   # (n,) mm/s of filament: (filament[i+1] - filament[i-1]) / 2T
-
-    def __post_init__(self) -> None:
-        shape = Shapes("Block")
-        names = ("angle", "velocity", "torque", "tension")
-        columns = {name: shape.column(name, getattr(self, name), "n m") for name in names}
-        columns["filament"] = shape.column("filament", self.filament, "n")
-        if self.move is not None:
-            columns["move"] = shape.column("move", self.move, "n", np.int64)
-        if self.feed is not None:
-            columns["feed"] = shape.column("feed", self.feed, "n")
-        set_columns(self, **columns)
-
-    def __len__(self) -> int:
-        return len(self.filament)
-
-
-def present(block: Block) -> dict[str, Array]:
-    """The columns a block has, in order."""
-    columns = {field.name: getattr(block, field.name) for field in fields(block) if field.name != "row"}
-    return {name: column for name, column in columns.items() if column is not None}
-
-
-@dataclass(frozen=True)
 class MotorStream:
     """A header and blocks of rows that can be gone through again and again.
 
     header: JSON values only. schema, kind, version, robot, period_s, rows, cables, duration_s, units, start_pose,
     start_angles_rad, start_tensions_n, largest_radius_mm, machine (see motors.machine), and what the caller gave
-    (hashes of part and profiles). Nothing in it depends on clock, user or folder. `blocks` begins a new pass.
-    `later(row, squares)`, where there is one, begins a pass at a block that holds `row` or ends before it; squares
-    (m,) is the sum of torque^2 of all rows before `row`.
+    (hashes of part and profiles; "printer", its whole profile, which motors.machine.robot_of reads). Nothing in it
+    depends on clock, user or folder. `blocks` begins a new pass. `later(row, squares)`, where there is one, begins a
+    pass at a block that holds `row` or ends before it; squares (m,) is the sum of torque^2 of all rows before `row`.
     """
 
     header: Mapping[str, Any]
@@ -111,31 +80,6 @@ class MotorStream:
     @property
     def period_s(self) -> float:
         return float(self.header["period_s"])
-
-
-def rechunk(blocks: Iterable[Block], size: int) -> Iterator[Block]:
-    """The same rows in blocks of `size`, the last one shorter."""
-    waiting: list[Block] = []
-    for block in blocks:
-        waiting.append(block)
-        while sum(map(len, waiting)) >= size:
-            whole = waiting[0] if len(waiting) == 1 else _join(waiting)
-            waiting = [cut(whole, size, len(whole))] if len(whole) > size else []
-            yield cut(whole, 0, size)
-    if waiting:
-        yield _join(waiting)
-
-
-def cut(block: Block, start: int, stop: int) -> Block:
-    """Rows start:stop of a block."""
-    if (start, stop) == (0, len(block)):
-        return block
-    return Block(block.row + start, **{name: column[start:stop] for name, column in present(block).items()})
-
-
-def _join(blocks: list[Block]) -> Block:
-    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in present(blocks[0])}
-    return Block(blocks[0].row, **columns)
 
 
 def row_count(duration_s: float, period_s: float) -> int:
