@@ -27,6 +27,7 @@ from cabslice.errors import ImpossibleError, ModelError, ProfileError, UsageErro
 from cabslice.feasibility.findings import Verdict
 from cabslice.files import STDOUT, atomic
 from cabslice.mesh.part import Part
+from cabslice.motors.start import Lead
 from cabslice.motors.stream import MotorStream
 from cabslice.profile import shelf
 from cabslice.profile.material import Material
@@ -196,7 +197,7 @@ def to_path(product: Placed | Product, progress: Progress = silent) -> Laid:
 
 
 def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
-    """Can this robot follow this path? Of a plan also: does the finished motion keep every limit?"""
+    """Can this robot follow this path, from home and back? Of a plan also: does the motion keep every limit?"""
     verdict = check_path(product, progress)
     return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
 
@@ -209,17 +210,40 @@ def check_path(product: Laid | Planned, progress: Progress = silent) -> Verdict:
     robot, corner = robot_of(product), profiles_of(product.origin).process.corner_mm
     # the motion may leave the path by the corner tolerance, and takes the ends of the cables with it
     robot = replace(robot, clearance=robot.clearance + corner)
-    return check(product.toolpath, robot, progress=partial(progress, "check"))
+    whole = product if isinstance(product, Planned) else with_ends(product)
+    return check(whole.toolpath, robot, progress=partial(progress, "check"))
+
+
+def with_ends(product: Laid) -> Laid:
+    """The path with the way from home before it and the way home after it, where it has none yet."""
+    from cabslice.motors import approach
+
+    start = profiles_of(product.origin).printer.start
+    return Laid(product.origin, approach.with_ends(product.toolpath, robot_of(product), start))
+
+
+def taken_up(product: Laid | Planned, layer: int) -> tuple[Laid, Laid]:
+    """The path from `layer` on, and what has to be checked for it: the same with what stands already. UsageError."""
+    from cabslice.motors import approach
+
+    start = profiles_of(product.origin).printer.start
+    moved, whole = approach.resumed(product.toolpath, robot_of(product), start, layer)
+    return Laid(product.origin, moved), Laid(product.origin, whole)
 
 
 def to_plan(
-    product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
+    product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1,
+    from_layer: int | None = None,
 ) -> tuple[Planned, Verdict]:
-    """The audited motion. Raises ImpossibleError with the findings where the robot cannot make it."""
-    if isinstance(product, Planned):
+    """The audited motion. Raises ImpossibleError with the findings where the robot cannot make it.
+
+    With `from_layer` only what is from that layer on, with what is below it on the bed.
+    """
+    if isinstance(product, Planned) and from_layer is None:
         return product, _passed(check(product, progress, jobs=jobs))
-    laid = to_path(product, progress)
-    verdict = _passed(check_path(laid, progress))
+    laid = to_path(product, progress) if not isinstance(product, Planned) else Laid(product.origin, product.toolpath)
+    laid, shown = (laid, laid) if from_layer is None else taken_up(laid, from_layer)
+    verdict = _passed(check_path(shown, progress))
     plan, proof = proven(laid, progress, engine=engine, jobs=jobs)
     return plan, verdict.joined(_passed(proof))
 
@@ -230,6 +254,7 @@ def proven(
     """The motion with the audit that it passes, slowed where the audit asked for it, or fails."""
     from cabslice.timing.proof import plan_proven
 
+    laid = with_ends(laid)
     trajectory, verdict = plan_proven(
         *_given(laid), engine=engine, jobs=jobs,
         planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
@@ -241,7 +266,7 @@ def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled"
     """The motion alone, neither checked nor audited."""
     from cabslice.timing.retime import plan
 
-    tick = partial(progress, "plan")
+    laid, tick = with_ends(laid), partial(progress, "plan")
     return Planned(laid.origin, laid.toolpath, plan(*_given(laid), engine=engine, jobs=jobs, progress=tick))
 
 
@@ -257,15 +282,44 @@ def _given(product: Laid | Planned) -> tuple[Toolpath, Robot, Printer, Material,
     return product.toolpath, robot_of(product), profiles.printer, profiles.material, profiles.process
 
 
-def to_stream(plan: Planned, verdict: Verdict, *, period_s: float) -> MotorStream:
-    """The motor commands of a plan that `verdict` let through; computed as the stream is gone through."""
-    return stream_of(plan, stream_header(plan, _passed(verdict), period_s), period_s)
+def at_speed(
+    plan: Planned, verdict: Verdict, share: float, progress: Progress = silent, *, jobs: int = 1
+) -> tuple[Planned, Verdict]:
+    """The plan played at `share` of its speed, audited anew: ImpossibleError where that breaks a limit."""
+    from cabslice.timing.trajectory import at_share
+
+    if share == 1.0:
+        return plan, verdict
+    other = replace(plan, trajectory=at_share(plan.trajectory, share))
+    found = audited(other, progress, jobs=jobs)
+    remedy = f"At {100 * share:g} % of its speed: play it slower, or plan it with other speeds."
+    found = replace(found, findings=tuple(replace(finding, help=remedy) for finding in found.findings))
+    return other, verdict.joined(_passed(found))
 
 
-def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float) -> MotorStream:
+def to_stream(
+    plan: Planned, verdict: Verdict, *, period_s: float, extrude: bool = True, more: Mapping[str, Any] | None = None
+) -> MotorStream:
+    """The motor commands of a plan that `verdict` let through; computed as the stream is gone through.
+
+    Without `extrude` nothing is fed, heated or blown. `more` goes into the header.
+    """
+    header = {**stream_header(plan, _passed(verdict), period_s, extrude=extrude), **(more or {})}
+    return stream_of(plan, header, period_s, extrude=extrude)
+
+
+def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float, *, extrude: bool = True) -> MotorStream:
     from cabslice.motors.stream import make_stream
 
-    return make_stream(plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header)
+    return make_stream(
+        plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header,
+        lead=_lead(plan.origin), extrude=extrude,
+    )
+
+
+def _lead(origin: Origin) -> Lead:
+    start = profiles_of(origin).printer.start
+    return Lead(start.tensioning_s, start.first_tension)
 
 
 def converted(stream: MotorStream, source: str) -> MotorStream:
@@ -314,10 +368,15 @@ def robot_of(product: Product) -> Robot:
     return robot_from_printer(profiles_of(product.origin).printer)
 
 
-def stream_header(plan: Planned, verdict: Verdict, period_s: float) -> dict[str, Any]:
-    """What a motor file says of its making: names and hashes, placement, numbers, what was checked."""
+def stream_header(plan: Planned, verdict: Verdict, period_s: float, *, extrude: bool = True) -> dict[str, Any]:
+    """What a motor file says of its making: names and hashes, placement, numbers, what was checked, events, layers."""
+    from cabslice.motors.events import events_of, layers_of
+
     origin = plan.origin
+    lead_s = _lead(origin).rows(period_s) * period_s
     return {
+        "events": events_of(plan.trajectory, plan.toolpath, period_s, lead_s=lead_s, extrude=extrude),
+        "layers": layers_of(plan.trajectory, plan.toolpath, lead_s=lead_s),
         "part": {"name": origin.part, "sha256": origin.sha256},
         "repairs": list(origin.repairs),
         "placement": placement_of(origin),

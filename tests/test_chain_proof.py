@@ -19,14 +19,16 @@ PERIOD = 0.002
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A third-size cube on the measured machine: profiles, plan and the columns of its motor file."""
+    """A third-size cube on the measured machine: profiles, plan and the columns of its motor file from the moment on
+    in which the cables are tensioned."""
     profiles = pipeline.load_profiles("cabfab-optim-measured", None, None, COARSE)
     plan, verdict = pipeline.to_plan(pipeline.read(CUBE, profiles, pipeline.Placement(scale=0.35)))
     target = tmp_path_factory.mktemp("proof") / "cube.stream"
     pipeline.save_stream(pipeline.to_stream(plan, verdict, period_s=PERIOD), target, "stream")
     blocks = list(formats.read(target))
     names = ("angle", "tension", "filament")
-    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in names}
+    lead = formats.read(target).header["lead_rows"]
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks])[lead:] for name in names}
     return profiles, plan, columns
 
 

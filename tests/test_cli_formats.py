@@ -83,7 +83,7 @@ def test_a_damaged_drive_file_is_refused_with_the_place(planned, tmp_path, monke
     (tmp_path / "box.csp").write_bytes(data)
     code, told = answered(capsys, "inspect", "box.csp")
     assert code == 3
-    assert "block 0 of rows (from row 0, byte 0)" in told["error"]["sentence"]
+    assert "box.csp is damaged: block 1 of rows (from row 8192, byte " in told["error"]["sentence"]
     side = json.loads((tmp_path / "box.csp.json").read_text())
     (tmp_path / "box.csp.json").unlink()
     assert answered(capsys, "inspect", "box.csp")[0] == 3

@@ -2,14 +2,17 @@
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_cases import COARSE, MODELS, PRINTER, SETS, answered, run, write_box
 
+import cabslice
 from cabslice import pipeline, store
 from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding, Verdict
@@ -38,7 +41,8 @@ def test_export_of_any_earlier_product_gives_the_bytes_of_the_direct_way(made, t
 
 def test_the_same_command_in_another_process_and_with_other_threads_gives_the_same_bytes(made, tmp_path):
     words = ["export", "box.stl", *PRINTER, *SETS, *PERIOD, "-o", str(tmp_path / "again.stream"), "-j", "3"]
-    subprocess.run([sys.executable, "-m", "cabslice", *words], cwd=made, check=True, capture_output=True)
+    here = {**os.environ, "PYTHONPATH": str(Path(cabslice.__file__).parents[1])}
+    subprocess.run([sys.executable, "-m", "cabslice", *words], cwd=made, env=here, check=True, capture_output=True)
     assert (tmp_path / "again.stream").read_bytes() == (made / "direct.stream").read_bytes()
     for kind, source in (("layers", "box.stl"), ("path", "box.stl"), ("plan", "box.stl")):
         machine = [*PRINTER, *SETS] if source.endswith(".stl") else []
@@ -92,10 +96,12 @@ def test_turn_scale_unit_and_place_are_those_of_the_part(tmp_path, capsys):
 
 
 def test_the_rows_of_the_stream_are_the_plan_at_the_period(made):
-    """Time, filament and the first pose come through unchanged."""
+    """Time and filament come through unchanged, after the rows in which the cables are tensioned."""
     plan, stream = store.load(made / "box.plan")[1], binary.read(made / "direct.stream")
-    assert stream.header["duration_s"] == plan.trajectory.duration
-    assert stream.rows == int(np.ceil(plan.trajectory.duration / 0.005 - 1e-9)) + 1
+    tensioning = pipeline.profiles_of(plan.origin).printer.start.tensioning_s
+    assert stream.header["lead_rows"] == round(tensioning / 0.005)
+    assert stream.header["duration_s"] == pytest.approx(plan.trajectory.duration + tensioning, abs=1e-9)
+    assert stream.rows == int(np.ceil((plan.trajectory.duration + tensioning) / 0.005 - 1e-9)) + 1
     fed = np.concatenate([block.filament for block in stream])
     assert fed[-1] == pytest.approx(plan.toolpath.filament.sum(), abs=1e-3)
 

@@ -26,6 +26,7 @@ COMMANDS = {
     },
     "Ask": {
         "check": "can this robot make this part? exit code 0 yes, 4 no",
+        "start": "how to start a machine with a motor file, and where it stands when it stops",
         "inspect": "what is in a part, a product or a motor file; --png draws it",
         "workspace": "where can the platform be, and where can it print?",
         "stiffness": "how stiffly do the cables hold the platform?",

@@ -113,6 +113,33 @@ engine = click.option("--engine", type=click.Choice(["compiled", "toppra"]), def
 
 
 @dataclass(frozen=True)
+class Playing:
+    """What of a plan is played, and how."""
+
+    extrude: bool
+    speed: float
+    from_layer: int | None
+    resume: bool
+
+    def header(self) -> dict[str, Any]:
+        """What is out of the ordinary."""
+        found: dict[str, Any] = {} if self.extrude else {"dry_run": True}
+        found |= {} if self.speed == 100 else {"speed_percent": self.speed}
+        return found | ({} if self.from_layer is None else {"from_layer": self.from_layer})
+
+
+playing = _gather("playing", Playing, {
+    "extrude": click.option("--extrude/--no-extrude", default=True,
+                            help="Dry run: move without filament, heat and fan."),
+    "speed": click.option("--speed", type=click.FloatRange(1, 200), default=100.0, metavar="PERCENT",
+                          help="Of the planned speed; every limit is audited anew."),
+    "from_layer": click.option("--from-layer", type=click.IntRange(1), metavar="N",
+                               help="Take a print up: layers below N (the first is 0) stand already."),
+    "resume": click.option("--resume", is_flag=True, help="Go on with what a run that was killed has written."),
+})
+
+
+@dataclass(frozen=True)
 class Output:
     to: str | None
     overwrite: bool

@@ -21,7 +21,7 @@ from cabslice.arrays import Array
 from cabslice.errors import ProductError
 from cabslice.feasibility.findings import Finding, Verdict
 from cabslice.motors.limits import nozzle_xyz, when_where
-from cabslice.motors.stream import Block, MotorStream, timing_sample
+from cabslice.motors.stream import Block, MotorStream, moving_time, timing_sample
 from cabslice.robot.forward import forward
 from cabslice.robot.kinematics import lengths as cable_lengths
 from cabslice.robot.model import Robot, WinderColumns
@@ -52,7 +52,8 @@ def verify_stream(
         rows = np.arange(-block.row % every, len(block), every)
         if not len(rows):
             continue
-        times = np.minimum((block.row + rows) * stream.period_s, trajectory.duration)
+        lead = int(stream.header.get("lead_rows", 0))
+        times = moving_time(block.row + rows, stream.period_s, lead, trajectory.duration)
         planned = (sample or timing_sample())(trajectory, times).poses
         error, residual = _errors(robot, block, rows, planned)
         at = int(np.argmax(error))

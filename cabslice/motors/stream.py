@@ -33,6 +33,7 @@ from cabslice.feasibility.findings import Finding
 from cabslice.motors import machine
 from cabslice.motors.block import Block, cut, present, rechunk
 from cabslice.motors.limits import Limits, nozzle_xyz, when_where
+from cabslice.motors.start import REACTION, Lead, start_header
 from cabslice.robot import kinematics, tension, winder, wrench
 from cabslice.robot.model import Robot
 
@@ -97,10 +98,13 @@ def make_stream(
     sample: Callable[[Any, Array], Any] | None = None,
     block_rows: int = BLOCK_ROWS,
     jobs: int = 1,
+    lead: Lead | None = None,
+    extrude: bool = True,
 ) -> MotorStream:
     """The motor commands of a trajectory, computed block by block each time the stream is gone through.
 
-    `jobs` threads compute blocks ahead; the rows do not depend on it.
+    `jobs` threads compute blocks ahead; the rows do not depend on it. The rows of `lead` come before the motion;
+    without `extrude` no filament is fed.
 
     `header` holds what only the caller knows (hashes of part and profiles). `layers` (N,) is the layer of each move,
     to name it in findings. `sample(trajectory, t (K,))` gives poses, rates, accels (K, 6), filament and move (K,);
@@ -112,9 +116,9 @@ def make_stream(
         raise UsageError(f"The printer {robot.name or 'given'} has no winders: there are no motors to command.")
     if not period_s > 0:
         raise UsageError(f"The period of the stream is {period_s} s; it must be above 0.")
-    rows = row_count(trajectory.duration, period_s)
-    source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers)
-
+    lead = lead or Lead()
+    rows = row_count(trajectory.duration, period_s) + lead.rows(period_s)
+    source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers, lead, extrude)
 
     def blocks(row: int = 0, squares: Array | None = None) -> Iterator[Block]:
         limits = Limits(robot, period_s, source.place, row, squares)
@@ -146,6 +150,11 @@ def _ahead(make: Callable[[int], Block], starts: Iterable[int], jobs: int) -> It
                 future.cancel()
 
 
+def moving_time(rows: Array, period_s: float, lead_rows: int, duration: float) -> Array:
+    """Time (K,) s of the motion that rows (K,) stand for."""
+    return np.clip((np.asarray(rows) - lead_rows) * period_s, 0.0, duration)
+
+
 def timing_sample() -> Callable[[Any, Array], Any]:
     from cabslice.timing.trajectory import sample
 
@@ -160,6 +169,8 @@ class _Source:
     rows: int
     sample: Callable[[Any, Array], Any]
     layers: Array | None
+    lead: Lead
+    extrude: bool
 
     def block(self, start: int, stop: int) -> Block:
         """Rows start:stop; one row more on either side is computed so that the differences see no border."""
@@ -169,7 +180,7 @@ class _Source:
         velocity = (angle[2:] - angle[:-2]) / (2 * self.period_s)
         acceleration = (angle[2:] - 2 * angle[inner] + angle[:-2]) / self.period_s**2
         torque = machine.torque(winders, angle[inner], velocity, acceleration, planned[inner])
-        filament, move = samples.filament, samples.move[inner]
+        filament, move = samples.filament * self.extrude, samples.move[inner]
         feed = (filament[2:] - filament[:-2]) / (2 * self.period_s)
         return Block(start, angle[inner], velocity, torque, planned[inner], filament[inner], move, feed)
 
@@ -180,8 +191,9 @@ class _Source:
             lines = kinematics.cables(robot, samples.poses)
             matrix = wrench.wrench_matrix(robot, samples.poses, masked=True, lines=lines)
             required = wrench.required_wrench(robot, samples.poses, samples.rates, samples.accels, masked=True)
-            bounds = robot.tension_min, robot.tension_max, robot.tension_reference
-            found = tension.unmeasured(matrix, required, *bounds)
+            bounds = robot.tension_min, robot.tension_max, self._reference(rows)
+            find = tension.unmeasured if bounds[2].ndim == 1 else tension.nearest
+            found = find(matrix, required, *bounds)
             if not found.feasible.all():
                 self._refuse_tension(rows, tension.nearest(matrix, required, *bounds))
             angle = winder.motor_angles(robot, lines.length, found.tension)
@@ -190,7 +202,18 @@ class _Source:
         return samples, found.tension, angle
 
     def at(self, rows: Array) -> Any:
-        return self.sample(self.trajectory, np.minimum(rows * self.period_s, self.trajectory.duration))
+        return self.sample(self.trajectory, moving_time(rows, self.period_s, self.lead_rows, self.trajectory.duration))
+
+    @property
+    def lead_rows(self) -> int:
+        return self.lead.rows(self.period_s)
+
+    def _reference(self, rows: Array) -> Array:
+        """Level (m,) or (K, m) N the tensions are kept near: the plain one where the lead is over."""
+        reference = self.robot.tension_reference
+        if rows.min() >= self.lead_rows:
+            return reference
+        return self.lead.level(rows, self.period_s)[:, None] * reference
 
     def place(self, row: int) -> tuple[int, tuple[float, float, float]]:
         """Layer (-1 where not known) and nozzle of a row."""
@@ -231,16 +254,19 @@ def _header(given: Mapping[str, Any], source: _Source) -> dict[str, Any]:
     samples, planned, angle = source.commanded(np.zeros(1, dtype=np.int64))
     robot = source.robot
     assert robot.winders is not None
-    return {
+    header = {
         **given,
         "schema": SCHEMA, "kind": "stream", "version": __version__, "robot": robot.name, "units": UNITS,
         "period_s": source.period_s, "rows": source.rows, "cables": robot.cables,
-        "duration_s": float(source.trajectory.duration), "start_pose": samples.poses[0].tolist(),
+        "duration_s": float(source.trajectory.duration) + source.lead_rows * source.period_s,
+        "lead_rows": source.lead_rows, "extrude": source.extrude, "drive_reaction": REACTION,
+        "start_pose": samples.poses[0].tolist(),
         "start_angles_rad": angle[0].tolist(), "start_tensions_n": planned[0].tolist(),
         "end_angles_rad": _end_angles(source),
         "largest_radius_mm": float(winder.transmission_bounds(robot.winders)[1].max()),
         "machine": machine.machine_header(robot, _places(source), angle[0]),
     }
+    return header | {"start": start_header(header, source.lead, source.period_s)}
 
 
 def _end_angles(source: _Source) -> list[float] | None:

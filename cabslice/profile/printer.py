@@ -91,6 +91,24 @@ class Motion(Table):
     )
 
 
+class Start(Table):
+    """How a motor file begins at the homing pose and comes back to it."""
+
+    tensioning_s: float = Field(
+        default=5.0, gt=0, le=600,
+        description="time over which the cables are tensioned at home, before anything moves",
+    )
+    first_tension: float = Field(
+        default=0.3, gt=0, le=1,
+        description="level they are tensioned from, as a share of the reference tension",
+    )
+    speed_mm_s: float = Field(default=20.0, gt=0, le=1000, description="nozzle speed between home and the print")
+    lift_mm: float = Field(
+        default=5.0, ge=0, le=1000,
+        description="height over the first and the last point at which the way from and to home ends and begins",
+    )
+
+
 class Stream(Table):
     """What the drives are told."""
 
@@ -287,6 +305,7 @@ class Printer(Table):
     extruder: Extruder | None = None
     bed: Bed | None = None
     motion: Motion | None = None
+    start: Start = Start()
     stream: Stream = Stream()
     defaults: Defaults = Defaults()
     cable: list[Cable] = Field(min_length=1, description="one [[cable]] each; keys common to all stand in [cables]")

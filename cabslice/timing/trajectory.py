@@ -114,6 +114,13 @@ def slowed(trajectory: Trajectory, factor: Array) -> Trajectory:
     return replace(trajectory, time=np.cumsum(np.where(inside, spent * each, spent)), x=trajectory.x / each**2)
 
 
+def at_share(trajectory: Trajectory, share: float) -> Trajectory:
+    """The whole motion, rests and window too, at `share` of its speed: accelerations change by its square."""
+    return replace(
+        trajectory, time=trajectory.time / share, x=trajectory.x * share**2, window=trajectory.window / share
+    )
+
+
 def piece_at(trajectory: Trajectory, times: Array) -> Array:
     """(K,) the piece whose run, rest before it included, holds the times (K,) s."""
     starts = trajectory.time[trajectory.pieces[:-1]] - trajectory.window / 2
