@@ -157,6 +157,7 @@ def read(path: str | Path, profiles: Profiles, placement: Placement) -> Placed:
 
 def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
     """The path in another slicer's G-code, with the profiles it will be made with. Raises GcodeError."""
+    from cabslice.toolpath.events import with_stops
     from cabslice.toolpath.gcode_read import read_gcode as read_file
 
     assert profiles.printer.extruder is not None
@@ -166,7 +167,7 @@ def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
         Path(path).name, hashlib.sha256(Path(path).read_bytes()).hexdigest(), (), reading.warnings,
         "mm", 1.0, (0.0, 0.0, 0.0), None, _json(profiles.printer), _json(profiles.material), _json(profiles.process),
     )
-    return Laid(origin, reading.toolpath)
+    return Laid(origin, with_stops(reading.toolpath, profiles.process))
 
 
 def to_layers(product: Placed | Product, progress: Progress = silent) -> Sliced:

@@ -72,9 +72,8 @@ def test_every_kind_of_event_and_objects_come_back():
     path = lay(block(2))
     kinds = [kind for kind in EventKind if kind != EventKind.MIN_LAYER_TIME]
     rows = path.starts[np.arange(len(kinds)) + 1]
-    events = Events(
-        np.append(0, rows), np.append(EventKind.NOZZLE_TEMPERATURE, kinds), np.array([200, 210, 60, 0.5, 1.25, 0.0])
-    )
+    values = np.array([200, 210, 60, 0.5, 1.25, 0.0, 0.0, 12.5])
+    events = Events(np.append(0, rows), np.append(EventKind.NOZZLE_TEMPERATURE, kinds), values)
     objects = np.where(np.arange(len(path.xyz)) > 40, 3, 0)
     path = Toolpath(
         path.xyz, path.filament, path.width, path.height, path.speed, path.role, path.layer, objects, path.starts,

@@ -73,12 +73,38 @@ class Machine:
         return any((self.printer, self.material, self.process, self.sets))
 
 
-machine = _gather("machine", Machine, {
+class Layers(click.ParamType):
+    """"12" or "12,40": numbers of layers, from 0."""
+
+    name = "LAYER[,...]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
+        if isinstance(value, tuple):
+            return value
+        words = str(value).replace(",", " ").split()
+        if not words or not all(word.isdecimal() for word in words):
+            self.fail(f"{value!r} is no list of layers, expected their numbers from 0: \"12,40\".", param, ctx)
+        return tuple(int(word) for word in words)
+
+
+def _machine(
+    printer: str | None, material: str | None, process: str | None, sets: tuple[str, ...],
+    pause_at: tuple[int, ...], filament_change_at: tuple[int, ...],
+) -> Machine:
+    stops = {"pause_layers": pause_at, "filament_change_layers": filament_change_at}
+    asked = tuple(f"{key}={sorted(layers)}" for key, layers in stops.items() if layers)
+    return Machine(printer, material, process, (*sets, *asked))
+
+
+machine = _gather("machine", _machine, {
     "printer": click.option("-p", "--printer", metavar="NAME|FILE", help="Printer profile; else CABSLICE_PRINTER."),
     "material": click.option("-m", "--material", metavar="NAME|FILE", help="Material; default: the printer's."),
     "process": click.option("--process", metavar="NAME|FILE", help="How to slice; default: the printer's."),
     "sets": click.option("-s", "--set", "sets", multiple=True, metavar="TABLE.KEY=VALUE",
                          help="Change one key of a profile, checked like the file. Repeatable."),
+    "pause_at": click.option("--pause-at", type=Layers(), default=(), help="Pause before these layers, from 0."),
+    "filament_change_at": click.option("--filament-change-at", type=Layers(), default=(),
+                                       help="Stop before these layers for another filament."),
 })
 
 

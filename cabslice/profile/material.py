@@ -28,3 +28,16 @@ class Material(Table):
     density_g_cm3: float = Field(gt=0.1, le=20, description="for the weight of a part")
     price_per_kg: Positive | None = Field(default=None, description="for the cost of a part")
     fan: float = Field(default=1.0, ge=0, le=1, description="part cooling after the first layers")
+    bridge_fan: float | None = Field(default=None, ge=0, le=1, description="part cooling on bridges; default: as `fan`")
+    fan_after_layers: int = Field(default=1, ge=0, le=1000, description="layers laid before the fan starts")
+    print_nozzle_c: Celsius | None = Field(default=None, description="nozzle; default: the middle of nozzle_c")
+    first_nozzle_c: Celsius | None = Field(default=None, description="nozzle in the first layer; default: as later")
+    print_bed_c: Celsius | None = Field(default=None, description="bed; default: the middle of bed_c")
+    first_bed_c: Celsius | None = Field(default=None, description="bed in the first layer; default: as later")
+    min_layer_s: float = Field(
+        default=0.0, ge=0, le=3600,
+        description="a layer takes at least so long to cool: its beads are slowed, and the rest is waited",
+    )
+    min_speed_mm_s: float = Field(
+        default=10.0, gt=0, le=1000, description="beads are not slowed below this to make min_layer_s",
+    )

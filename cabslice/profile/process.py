@@ -9,6 +9,7 @@ from pydantic import Field
 from cabslice.profile.printer import Name, Table
 
 Speed = Annotated[float, Field(gt=0, le=5000)]
+LayerNumber = Annotated[int, Field(ge=0, le=1_000_000)]
 
 
 class Speeds(Table):
@@ -68,6 +69,12 @@ class Process(Table):
     corner_mm: float = Field(
         default=0.05, gt=0, le=5,
         description="how far the nozzle may leave the toolpath where corners are rounded",
+    )
+    pause_layers: list[LayerNumber] = Field(
+        default=[], max_length=1000, description="layers before which the print pauses, counted from 0",
+    )
+    filament_change_layers: list[LayerNumber] = Field(
+        default=[], max_length=1000, description="layers before which the filament is changed, counted from 0",
     )
     speeds_mm_s: Speeds
     retraction: Retraction

@@ -7,7 +7,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ProductError
 from cabslice.slicing.layer import Role
-from cabslice.toolpath.path import Toolpath
+from cabslice.toolpath.path import RESTS, Toolpath
 
 
 def check_toolpath(path: Toolpath) -> None:
@@ -50,6 +50,7 @@ def _row_rules(path: Toolpath) -> list[tuple[str, Array]]:
     laying = path.role != Role.TRAVEL
     still = path.lengths == 0
     index = path.events.index
+    rests = index[np.isin(path.events.kind, RESTS) & (index > 0)]
     return [
         ("the layer falls", np.flatnonzero(np.diff(path.layer, prepend=path.layer[:1]) < 0)),
         ("a travel feeds filament", np.flatnonzero(~laying & ~still & (path.filament > 0))),
@@ -58,5 +59,6 @@ def _row_rules(path: Toolpath) -> list[tuple[str, Array]]:
         ("a move asks for no speed", np.flatnonzero(path.speed[1:] <= 0) + 1),
         ("an unknown role", np.flatnonzero(path.role > max(Role))),
         ("an event belongs to no row", np.flatnonzero((index < 0) | (index >= max(len(path.xyz), 1)))),
+        ("a rest within a piece", np.sort(rests[~np.isin(rests, path.starts)])),
         ("events are not in order", np.flatnonzero(np.diff(index, prepend=index[:1]) < 0)),
     ]

@@ -182,3 +182,7 @@ def _event_lines(events: Events) -> Iterator[tuple[int, str]]:
             yield row, "M601 ; pause"
         elif kind == EventKind.MIN_LAYER_TIME:
             yield row, f";MIN_LAYER_TIME:{_plain(value)}"
+        elif kind == EventKind.MIN_PRINT_SPEED:
+            yield row, f";MIN_PRINT_SPEED:{_plain(value)}"
+        elif kind == EventKind.FILAMENT_CHANGE:
+            yield row, "M600 ; change the filament"

@@ -117,6 +117,8 @@ class Machine:
             self._move(parse(rest))
         elif name in COMMANDS:
             COMMANDS[name](self, parse(rest))
+        elif name == "M600":
+            self._event(EventKind.FILAMENT_CHANGE, 0.0, rests=True)
         elif name in PAUSES:
             self._event(EventKind.PAUSE, 0.0, rests=True)
         elif name.startswith("G") and name[1:2].isdigit() and name not in IGNORED:
@@ -288,4 +290,5 @@ TAGS: dict[str, Callable[[Machine, str], None]] = {
     "HEIGHT": lambda machine, value: machine.tell(height=float(value)),
     "LAYER_HEIGHT": lambda machine, value: machine.tell(height=float(value)),
     "MIN_LAYER_TIME": lambda machine, value: machine._event(EventKind.MIN_LAYER_TIME, float(value)),
+    "MIN_PRINT_SPEED": lambda machine, value: machine._event(EventKind.MIN_PRINT_SPEED, float(value)),
 }

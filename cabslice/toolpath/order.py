@@ -17,7 +17,8 @@ from cabslice.errors import ModelError
 from cabslice.profile.material import Material
 from cabslice.profile.process import Process
 from cabslice.slicing.layer import Layer, Role
-from cabslice.toolpath.path import EventKind, Events, Toolpath, bead_area, piece_starts
+from cabslice.toolpath.events import events_of
+from cabslice.toolpath.path import RESTS, Events, Toolpath, bead_area, piece_starts
 from cabslice.toolpath.sequence import Drawn, draw_layer
 
 SPEED_OF = {
@@ -50,21 +51,40 @@ def lay_toolpath(
     """
     nozzle, area = _Nozzle(), np.pi / 4 * filament_diameter_mm**2
     blocks: list[dict[str, Array]] = []
+    rests: dict[int, int] = {}
+    rows = 0
     for layer in layers:
         if len(layer.beads.role):
             drawn, nozzle.seams = _draw(layer, nozzle, process)
             if len(drawn.role):
                 blocks.append(_moves(drawn, layer, nozzle, process, area, first=not blocks))
+                rests[layer.index] = rows + _rest(blocks[-1], first=not rows)
+                rows += len(blocks[-1]["role"])
     if not blocks:
         raise ModelError(
             f"{source or 'the part'}: no layer holds a bead; expected a part at least one bead wide and one layer high"
         )
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in COLUMNS}
-    rests = np.append(False, (np.diff(columns["xyz"], axis=0) == 0).all(1))
+    events = events_of(columns["layer"], columns["role"], material, process, rests)
     return Toolpath(
-        **columns, object=np.zeros(len(rests), np.int32), starts=piece_starts(rests),
-        events=_events(columns["layer"], material), filament_diameter_mm=filament_diameter_mm, source=source,
+        **columns, object=np.zeros(rows, np.int32), starts=_pieces(columns["xyz"], events), events=events,
+        filament_diameter_mm=filament_diameter_mm, source=source,
     )
+
+
+def _pieces(xyz: Array, events: Events) -> Array:
+    still = np.append(False, (np.diff(xyz, axis=0) == 0).all(1))
+    rests = events.index[np.isin(events.kind, RESTS)]
+    return np.union1d(piece_starts(still), rests[rests > 0])
+
+
+def _rest(rows: dict[str, Array], *, first: bool) -> int:
+    """The row of a layer before which the nozzle may stand and wait: drawn back and lifted, where it is."""
+    if first:
+        return 1
+    lead = int(np.argmax(rows["role"] != Role.TRAVEL))
+    rise = rows["xyz"][:lead, 2]
+    return 0 if rows["filament"][0] >= 0 else min(lead - 1, 2 if len(rise) > 2 and (rise[1] > rise[2:]).any() else 1)
 
 
 def _draw(layer: Layer, nozzle: _Nozzle, process: Process) -> tuple[Drawn, Array]:
@@ -73,16 +93,6 @@ def _draw(layer: Layer, nozzle: _Nozzle, process: Process) -> tuple[Drawn, Array
         layer.beads, position, nozzle.seams, bead_mm=process.bead_mm, tolerance_mm=process.resolution_mm
     )
     return drawn, seams if len(seams) else nozzle.seams
-
-
-def _events(layer: Array, material: Material) -> Events:
-    """Middle of the material's temperatures from the start; the fan from the second layer on."""
-    rows = [
-        (0, EventKind.BED_TEMPERATURE, np.mean(material.bed_c)),
-        (0, EventKind.NOZZLE_TEMPERATURE, np.mean(material.nozzle_c)),
-        (0, EventKind.FAN, 0.0), *((row, EventKind.FAN, material.fan) for row in np.flatnonzero(layer > layer[0])[:1]),
-    ]
-    return Events(*np.array(rows, np.float64).T)
 
 
 def _speeds(process: Process, first: bool) -> Array:
@@ -101,7 +111,8 @@ def _moves(
     heads, tails = drawn.points[drawn.starts[:-1]], drawn.points[drawn.starts[1:] - 1]
     z, z_before = layer.z_mm, layer.z_mm if nozzle.xyz is None else nozzle.xyz[2]
     before = np.vstack((heads[:1] if nozzle.xyz is None else nozzle.xyz[None, :2], tails[:-1]))
-    retracted, direct = _travels(drawn, heads, before, z != z_before, process)
+    stops = layer.index in (*process.pause_layers, *process.filament_change_layers)
+    retracted, direct = _travels(drawn, heads, before, z != z_before, process, stops=stops and not first)
     hop = process.retraction.hop_mm if process.retraction.hop_mm > SAME_PLACE else 0.0
     lead = np.where(retracted, 5 if hop else 3, direct)
     lead[0] += first
@@ -122,16 +133,21 @@ def _moves(
     laid = rows["role"] != Role.TRAVEL
     rows["filament"][laid] = (bead_area(rows["width"], rows["height"]) * long)[laid] / area
     nozzle.xyz, nozzle.layer = rows["xyz"][-1], layer.index
-    return rows
+    useful = (long > 0) | (rows["filament"] != 0)
+    useful[0] |= first
+    return {name: column[useful] for name, column in rows.items()}
 
 
-def _travels(drawn: Drawn, heads: Array, before: Array, climbs: bool, process: Process) -> tuple[Array, Array]:
+def _travels(
+    drawn: Drawn, heads: Array, before: Array, climbs: bool, process: Process, *, stops: bool
+) -> tuple[Array, Array]:
     """Before which lines (L,) the filament is drawn back, and which are reached straight; others begin on the spot."""
     gap = np.linalg.norm(heads - before, axis=1)
     inside = np.diff(drawn.island, prepend=drawn.island[:1]) == 0
     apart = gap > SAME_PLACE
     drawing_back = process.retraction.length_mm > 0
     retracted = apart & (~inside | (gap >= process.retraction.min_travel_mm)) & drawing_back
+    retracted[0] |= stops and drawing_back
     direct = apart & ~retracted
     direct[0] |= climbs and not retracted[0]
     return retracted, direct

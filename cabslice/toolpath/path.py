@@ -14,14 +14,29 @@ __all__ = ["EventKind", "Events", "Toolpath", "bead_area", "bead_spacing", "piec
 
 
 class EventKind(IntEnum):
-    """Values are stored in files: never renumber."""
+    """Values are stored in files: never renumber.
+
+    Temperatures, fan and MIN_PRINT_SPEED hold from their row until the next event of their kind. DWELL, PAUSE and
+    FILAMENT_CHANGE happen once, with the nozzle at rest: their row begins a piece (or is 0).
+
+    MIN_LAYER_TIME stands at the first row of a layer (the rows with one value of `layer`) and speaks of that layer
+    alone: it is to take at least so long from the start of its first row to the end of its last, dwells, pauses and
+    filament changes not counted. Whoever plans the time slows the beads of a layer that would be shorter (travels and
+    filament moves keep their speed), but no bead below MIN_PRINT_SPEED, nor at all where less was asked for it; what
+    then still lacks is waited at the layer's end.
+    """
 
     NOZZLE_TEMPERATURE = 1   # degC
     BED_TEMPERATURE = 2      # degC
     FAN = 3                  # 0..1
     DWELL = 4                # s
-    PAUSE = 5                # -
+    PAUSE = 5                # - the user goes on
     MIN_LAYER_TIME = 6       # s
+    FILAMENT_CHANGE = 7      # - the user changes the filament and goes on
+    MIN_PRINT_SPEED = 8      # mm/s
+
+
+RESTS = (EventKind.DWELL, EventKind.PAUSE, EventKind.FILAMENT_CHANGE)
 
 
 @dataclass(frozen=True)
