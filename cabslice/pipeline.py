@@ -232,6 +232,13 @@ def taken_up(product: Laid | Planned, layer: int) -> tuple[Laid, Laid]:
     return Laid(product.origin, moved), Laid(product.origin, whole)
 
 
+def check_box(product: Placed | Product) -> Verdict | None:
+    """What can be said of a part before it is sliced; None of a product, which is."""
+    from cabslice.feasibility.fits import fits
+
+    return fits(product.part.bounds, robot_of(product)) if isinstance(product, Placed) else None
+
+
 def to_plan(
     product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1,
     from_layer: int | None = None,
@@ -242,6 +249,9 @@ def to_plan(
     """
     if isinstance(product, Planned) and from_layer is None:
         return product, _passed(check(product, progress, jobs=jobs))
+    box = check_box(product)
+    if box is not None:
+        _passed(box)
     laid = to_path(product, progress) if not isinstance(product, Planned) else Laid(product.origin, product.toolpath)
     laid, shown = (laid, laid) if from_layer is None else taken_up(laid, from_layer)
     verdict = _passed(check_path(shown, progress))
@@ -365,7 +375,7 @@ def period_of(product: Product) -> float:
     return profiles_of(product.origin).printer.stream.period_ms / 1e3
 
 
-def robot_of(product: Product) -> Robot:
+def robot_of(product: Placed | Product) -> Robot:
     return robot_from_printer(profiles_of(product.origin).printer)
 
 

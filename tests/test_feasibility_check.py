@@ -13,10 +13,14 @@ from scipy.optimize import linprog
 from cabslice.errors import InputError, ProfileError
 from cabslice.feasibility import judges
 from cabslice.feasibility.check import check, grown
+from cabslice.feasibility.fits import fits
 from cabslice.feasibility.obstacles import Moves
 from cabslice.feasibility.survey import WIDTHS, Pieces, cells_of, explore, first_cells, first_failure
+from cabslice.feasibility.sweep import FAR
 from cabslice.robot.model import nozzle_poses
+from cabslice.robot.tension import nearest_tension
 from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.slicing.layer import Role
 
 SEEDS = st.integers(0, 2**32 - 1)
 JUDGES = {
@@ -26,7 +30,8 @@ JUDGES = {
     "tensions": judges.tensions,
 }
 MARGINS = {
-    "nozzle_bed_mm", "pulley_mm", "tension_n", "cable_cable_mm", "cable_bed_mm", "cable_end_bed_mm", "cable_part_mm",
+    "nozzle_bed_mm", "pulley_mm", "tension_n", "tension_printed_n", "cable_cable_mm", "cable_bed_mm",
+    "cable_end_bed_mm", "cable_part_mm",
 }
 
 
@@ -287,3 +292,69 @@ def test_progress_reaches_its_total_and_never_falls(small):
 def test_the_same_path_gives_the_same_verdict():
     robot = frame_robot(pulley=25.0)
     assert check(block(40), robot) == check(block(40), robot)
+
+
+# ---- what a user is told
+
+def test_a_part_larger_than_the_bed_or_the_frame_is_refused_by_its_box():
+    robot = frame_robot(pulley=25.0)
+    verdict = fits(np.array([[-300.0, -100, 0], [300, 100, 50]]), robot)
+    assert [(f.code, f.value, f.limit) for f in verdict.findings] == [("bed", 300.0, 200.0)]
+    assert "66.7 %" in verdict.findings[0].help
+    tall = fits(np.array([[-10.0, -10, 0], [10, 10, 1100]]), robot)
+    assert [f.code for f in tall.findings] == ["tension"]
+    assert tall.findings[0].limit == pytest.approx(960 + 50 - 97.5)      # highest pulley, lowest attachment
+    limit = tall.findings[0].limit
+    assert missing_newtons(robot, np.array([0.0, 0.0, limit])) > 0
+    assert fits(np.array([[-200.0, -200, 0], [200, 200, 900]]), robot).ok
+
+
+def test_the_feature_that_leaves_the_bed_is_named(small):
+    roles = np.where(small.layer == 0, Role.SKIRT, Role.OUTER_WALL)
+    wide = small.xyz * np.where(small.layer == 0, 14.0, 1.0)[:, None] * [1, 0, 1] + small.xyz * [0, 1, 0]
+    found = check(replace(small, xyz=wide, role=roles), frame_robot()).findings
+    assert [f.code for f in found] == ["bed"]
+    assert "skirt" in found[0].sentence
+    assert "skirt_loops=0" in found[0].help
+
+
+def test_a_skirt_in_the_way_is_called_a_skirt_and_not_the_part():
+    """A tall fence, then a small part, below a platform that hangs low."""
+    path = stacked([[box_loop(330.0)]] * 15 + [[box_loop(20.0)]], width=1.0, height=5.0)
+    far = np.abs(path.xyz[:, :2]).max(axis=1) > 70
+    path = replace(path, role=np.where(far & (path.filament > 0), Role.SKIRT, path.role))
+    found = [f for f in check(path, frame_robot(height=5.0)).findings if f.code == "cable-part"]
+    assert len(found) == 4
+    assert all("the skirt" in f.sentence and "skirt_loops=0" in f.help for f in found)
+
+
+def test_help_does_not_send_a_centred_part_to_the_middle_and_names_a_weight_that_is_too_much(small):
+    heavy = replace(frame_robot(pulley=25.0), mass=60.0)
+    found = [f for f in check(small, heavy).findings if f.code == "tension"]
+    assert "60 kg" in found[0].help
+    assert "middle of the bed" in found[0].help
+    assert not any("towards the middle" in f.help for f in found)
+    aside = replace(small, xyz=small.xyz + np.array([150.0, 0, 0]))
+    weak = replace(frame_robot(pulley=25.0), tension_max=np.full(8, 100.0), tension_min=np.full(8, 28.0))
+    helps = [f.help for f in check(aside, weak).findings if f.code == "tension"]
+    assert not helps or "middle" in helps[0]
+
+
+def test_margins_that_were_not_looked_for_further_are_said_to_be_at_least(small):
+    verdict = check(small, frame_robot(pulley=25.0))
+    assert set(verdict.capped) == {"cable_part_mm", "cable_bed_mm"}
+    assert verdict.as_dict()["margins_at_least"] == list(verdict.capped)
+    wide = [check(block(layers), frame_robot(pulley=25.0)) for layers in range(20, 34)]
+    near = [verdict for verdict in wide if verdict.ok][-1]
+    assert 0 < near.margins["cable_part_mm"] < FAR
+    assert "cable_part_mm" not in near.capped
+
+
+def test_the_margin_of_the_tensions_that_are_printed_is_told_beside_the_best_one(small):
+    robot = frame_robot(pulley=25.0)
+    verdict = check(small, robot)
+    poses = nozzle_poses(robot, small.xyz)
+    printed = nearest_tension(robot, poses, required_wrench(robot, poses)).tension
+    least = np.minimum(printed - robot.tension_min, robot.tension_max - printed).min()
+    assert 0 < verdict.margins["tension_printed_n"] <= verdict.margins["tension_n"]
+    assert verdict.margins["tension_printed_n"] == pytest.approx(least, abs=1.0)

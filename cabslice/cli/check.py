@@ -28,9 +28,11 @@ def check(file: str, machine: Machine, placing: Placing, jobs: int, talk: Talk) 
     from cabslice.store import Planned
 
     product = begin(file, machine, placing, talk)
-    with talk.progress() as tick:
-        ready = product if isinstance(product, Planned) else pipeline.to_path(product, tick)
-        verdict = pipeline.check(ready, tick, jobs=jobs)
+    verdict = pipeline.check_box(product)
+    if verdict is None or verdict.ok:
+        with talk.progress() as tick:
+            ready = product if isinstance(product, Planned) else pipeline.to_path(product, tick)
+            verdict = pipeline.check(ready, tick, jobs=jobs)
     name = pipeline.profiles_of(product.origin).printer.name
     sentence = f"{name} {'can' if verdict.ok else 'cannot'} make {product.origin.part} as asked."
     content = summary("check", product) | {"ok": verdict.ok, "sentence": sentence, "verdict": verdict.as_dict()}

@@ -63,5 +63,6 @@ def finding_table(findings: Sequence[Any]) -> Table | str:
 
 
 def checked_lines(verdict: Any) -> str:
-    margins = [f"  smallest margin {key}: {value:.4g}" for key, value in verdict.margins.items()]
+    words = dict.fromkeys(verdict.capped, "at least ")
+    margins = [f"  smallest margin {key}: {words.get(key, '')}{value:.4g}" for key, value in verdict.margins.items()]
     return "\n".join(["checked:", *(f"  {sentence}" for sentence in verdict.checked), *margins])

@@ -13,7 +13,7 @@ from cabslice.cli import options
 from cabslice.cli.asked import Asked
 from cabslice.cli.options import Numbers, Output, Target
 from cabslice.cli.report import Table, Talk, Tick
-from cabslice.errors import ImpossibleError
+from cabslice.errors import ImpossibleError, UsageError
 
 if TYPE_CHECKING:
     from cabslice.arrays import Array
@@ -134,6 +134,7 @@ def _survey(asked: Asked, robot: Robot, wanted: Wanted, talk: Talk, tick: Tick) 
     least = {key: value for key, value in wanted.least.items() if value is not None}
     inside = np.logical_and.reduce([maps[key] >= value for key, value in least.items()])
     if not inside.any():
+        _refuse_coarse(asked, robot, wanted, measures)
         raise _nowhere(asked, robot, wanted, grid, maps)
     if robot.nozzle is None or robot.bed_origin is None or not robot.freedoms[:3].all():
         talk.say(f"no print space: {robot.name} has no nozzle, no bed (--bed-mm) or not all of x, y, z")
@@ -172,6 +173,23 @@ def _counted(measure: Measure, stage: str, grid: Grid, tick: Tick) -> Measure:
         return value
 
     return counted
+
+
+def _refuse_coarse(asked: Asked, robot: Robot, wanted: Wanted, measures: Mapping[str, Measure]) -> None:
+    """Raises UsageError where home is inside, so that it is the grid that misses the workspace."""
+    import numpy as np
+
+    from cabslice.robot.rotation import from_angles
+
+    home = robot.home[None].copy()
+    home[0, 3:] = from_angles(np.radians(wanted.turn_deg))
+    least = {key: value for key, value in wanted.least.items() if value is not None}
+    if asked.box_mm is None and all(measures[key](robot, home)[0] >= value for key, value in least.items()):
+        place = " ".join(f"{x:g}" for x in home[0, :3])
+        raise UsageError(
+            f"--step-mm {asked.step(robot):g} is too coarse: no node of the grid is in the {wanted.sentence()}, but "
+            f"the home pose, {place} mm, is. Give a smaller step."
+        )
 
 
 def _nowhere(asked: Asked, robot: Robot, wanted: Wanted, grid: Grid, maps: Mapping[str, Array]) -> ImpossibleError:

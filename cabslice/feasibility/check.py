@@ -28,7 +28,9 @@ from cabslice.feasibility.reasons import Job
 from cabslice.feasibility.survey import WIDTHS, Cells, Survey, explore, first_cells, first_failure
 from cabslice.feasibility.sweep import FAR, Contacts, contacts
 from cabslice.feasibility.trees import Tree, tree_of_beads, tree_of_moves
-from cabslice.robot.model import Robot
+from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.tension import nearest_tension
+from cabslice.robot.wrench import required_wrench
 from cabslice.toolpath.path import Toolpath
 
 Progress = Callable[[int, int], None]
@@ -50,7 +52,10 @@ def check(toolpath: Toolpath, robot: Robot, *, progress: Progress | None = None)
     moves = tree_of_moves(moves_of(toolpath, stages), robot)
     assert isinstance(moves.items, Moves)
     job = Job(toolpath, robot, moves.items, int(np.count_nonzero(moving(toolpath))))
-    verdict = _places(job, tell)
+    verdict = _nozzle(job)
+    if not verdict.ok:
+        return verdict.joined(Verdict(("Not checked, as the nozzle leaves the bed: cables, tensions, distances.",)))
+    verdict = verdict.joined(_places(job, tell))
     if any(finding.code == "pulley" for finding in verdict.findings):
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
     grow = grown(robot)
@@ -63,7 +68,7 @@ def _places(job: Job, tell: Progress) -> Verdict:
     """What depends on where the nozzle is alone."""
     cells = first_cells(job.moves)
     tell(10, STEPS)
-    verdict = _nozzle(job).joined(_pulleys(job, cells))
+    verdict = _pulleys(job, cells)
     if verdict.ok or all(finding.code != "pulley" for finding in verdict.findings):
         verdict = verdict.joined(_tension(job, cells)).joined(_pairs(job, cells)).joined(_ends(job, cells))
     tell(SURVEYED, STEPS)
@@ -110,7 +115,27 @@ def _tension(job: Job, cells: Cells) -> Verdict:
         found = (reasons.tension_finding(job, survey, first_failure(survey.failing, judge)[0]),)
     sentence = f"A tension within the bounds of every cable under gravity: {_covered(survey, job)}."
     margin = max(float(survey.worst[0]), -float(job.robot.tension_max.max()))     # finite at a singular pose too
-    return Verdict((sentence,), found, {"tension_n": margin})
+    margins = {"tension_n": margin}
+    if not found:
+        cable, least = printed_margin(job.robot, cells.place)
+        margins["tension_printed_n"] = min(least, margin)
+        sentence = (
+            f"{sentence} That is with the best of them; with those it is printed with at rest, nearest to "
+            f"reference_tension_n, cable {cable + 1} comes within {least:.2f} N of its bounds (at {len(cells.place)})."
+        )
+    return Verdict((sentence,), found, margins)
+
+
+def printed_margin(robot: Robot, places: Array) -> tuple[int, float]:
+    """Cable (from 0) and N: the least way to a bound of the tensions nearest to the reference, at rest."""
+    tension = nearest_tension(robot, nozzle_poses(robot, places), _weight(robot, places), margins=False).tension
+    slack = np.nan_to_num(np.minimum(tension - robot.tension_min, robot.tension_max - tension), nan=0.0)
+    return int(slack.min(axis=0).argmin()), float(slack.min())
+
+
+def _weight(robot: Robot, places: Array) -> Array:
+    """(K, 6) N, N mm: what the cables supply with the nozzle at rest at places (K, 3)."""
+    return required_wrench(robot, nozzle_poses(robot, places))
 
 
 def _pairs(job: Job, cells: Cells) -> Verdict:
@@ -154,7 +179,7 @@ def _plate(job: Job, moves: Tree, grow: Array) -> Verdict:
     found = _told(job, met, moves, sides, grow, "cable-bed")
     count = f"{job.count} moves, {job.robot.cables} cables"
     sentence = f"Cables against the sides of the bed plate, down to the ground: {count}{_until(job, met)}."
-    return Verdict((sentence,), tuple(found), {"cable_bed_mm": _least(met, found)})
+    return Verdict((sentence,), tuple(found), {"cable_bed_mm": _least(met, found)}, _capped(met, "cable_bed_mm"))
 
 
 def _part(job: Job, moves: Tree, part: Tree, grow: Array, tell: Progress) -> Verdict:
@@ -164,7 +189,12 @@ def _part(job: Job, moves: Tree, part: Tree, grow: Array, tell: Progress) -> Ver
     met = contacts(moves, part, job.robot, grow, progress=share)
     found = _told(job, met, moves, part, grow, "cable-part")
     tell(STEPS, STEPS)
-    return Verdict((_compared(job, met, part),), tuple(found), {"cable_part_mm": _least(met, found)})
+    least = {"cable_part_mm": _least(met, found)}
+    return Verdict((_compared(job, met, part),), tuple(found), least, _capped(met, "cable_part_mm"))
+
+
+def _capped(met: Contacts, key: str) -> tuple[str, ...]:
+    return (key,) if met.margin >= met.far else ()
 
 
 def _told(job: Job, met: Contacts, moves: Tree, beads: Tree, grow: Array, code: str) -> list[Finding]:

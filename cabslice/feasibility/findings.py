@@ -35,6 +35,7 @@ class Verdict:
     checked: tuple[str, ...]               # sentences: what was looked at, with how many points or pairs
     findings: tuple[Finding, ...] = ()
     margins: Mapping[str, float] = field(default_factory=dict)   # smallest margin of each check; unit in the key
+    capped: tuple[str, ...] = ()           # margins that were not looked for any further: at least what is told
 
     def __post_init__(self) -> None:
         if not self.checked:
@@ -45,7 +46,10 @@ class Verdict:
         return not self.findings
 
     def joined(self, other: Verdict) -> Verdict:
-        return Verdict(self.checked + other.checked, self.findings + other.findings, {**self.margins, **other.margins})
+        return Verdict(
+            self.checked + other.checked, self.findings + other.findings, {**self.margins, **other.margins},
+            self.capped + other.capped,
+        )
 
     def as_dict(self) -> dict[str, Any]:
         return {
@@ -53,4 +57,5 @@ class Verdict:
             "checked": list(self.checked),
             "findings": [finding.as_dict() for finding in self.findings],
             "margins": dict(self.margins),
+            "margins_at_least": list(self.capped),
         }

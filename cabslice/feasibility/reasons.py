@@ -12,15 +12,18 @@ from cabslice.feasibility.distance import PRECISION, sweep_gap
 from cabslice.feasibility.exits import exit_points, lines_at, offsets
 from cabslice.feasibility.findings import Finding
 from cabslice.feasibility.judges import judged_pairs, pair_limits
-from cabslice.feasibility.obstacles import Moves, Obstacles, depths, section
+from cabslice.feasibility.judges import tensions as judge_tensions
+from cabslice.feasibility.obstacles import Moves, Obstacles, depths, laying, section
 from cabslice.feasibility.survey import Survey
 from cabslice.feasibility.sweep import Contacts
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.robot.tension import least_violation
 from cabslice.robot.wrench import required_wrench, wrench_matrix
+from cabslice.slicing.layer import Role
 from cabslice.toolpath.path import Toolpath
 
 LOOKED_AT = 200      # places at which the depth of a cable in the part is worked out
+CENTRED = 1.0        # mm from the middle of the bed: no use telling to move there
 ALONG = np.linspace(0.0, 1.0, 9)
 
 
@@ -60,12 +63,11 @@ def nozzle_findings(toolpath: Toolpath, robot: Robot) -> list[Finding]:
         if abs(value) > half + PRECISION:
             layer = int(toolpath.layer[row])
             sentence = (
-                f"{place_of(layer, xyz)}: the nozzle leaves the bed plate, {name} {value:.2f} mm "
-                f"where it ends at {np.copysign(half, value):.2f} mm."
+                f"{place_of(layer, xyz)}: the nozzle leaves the bed plate{_doing(toolpath, row)}, "
+                f"{name} {value:.2f} mm where it ends at {np.copysign(half, value):.2f} mm."
             )
-            span = float(np.ptp(toolpath.xyz[:, axis]))
-            fits = f"Shift the part along {name}" if span <= 2 * half else "Turn the part or make it smaller"
-            found.append(Finding("bed", layer, _triple(xyz), 0, abs(value), half, "mm", sentence, fits + "."))
+            advice = _onto_bed(toolpath, axis, half)
+            found.append(Finding("bed", layer, _triple(xyz), 0, abs(value), half, "mm", sentence, advice))
     row = int(toolpath.xyz[:, 2].argmin())
     xyz, layer = toolpath.xyz[row], int(toolpath.layer[row])
     if xyz[2] < -PRECISION:
@@ -74,6 +76,26 @@ def nozzle_findings(toolpath: Toolpath, robot: Robot) -> list[Finding]:
             "bed", layer, _triple(xyz), 0, float(xyz[2]), 0.0, "mm", sentence, "Place the part on z = 0."
         ))
     return found
+
+
+def feature(role: int) -> str:
+    """What a move is for, as a reader of a sentence knows it."""
+    return Role(role).name.lower().replace("_", " ")
+
+
+def _doing(toolpath: Toolpath, row: int) -> str:
+    role = int(toolpath.role[row])
+    return " in a travel move" if role == Role.TRAVEL else f" laying the {feature(role)}"
+
+
+def _onto_bed(toolpath: Toolpath, axis: int, half: float) -> str:
+    """What brings the nozzle back onto the plate along one axis."""
+    name, laid = "xy"[axis], laying(toolpath)
+    part = toolpath.xyz[laid & (toolpath.role != Role.SKIRT), axis]
+    if len(part) and np.abs(part).max() <= half:
+        return "The part itself stays on the plate: leave its skirt out (-s skirt_loops=0) or bring it nearer."
+    span = float(np.ptp(toolpath.xyz[laid, axis]))
+    return f"Shift the part along {name}." if span <= 2 * half else "Turn the part or make it smaller."
 
 
 def pulley_findings(job: Job, survey: Survey) -> list[Finding]:
@@ -145,7 +167,7 @@ def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
     ).tension[0]
     begin = job.layer(first)
     where, since = f"{place_of(layer, xyz)}: ", "" if begin == layer else f"; the first layer without is {begin}"
-    advice = "Move the part towards the middle of the bed, turn it, or make it smaller or lower."
+    advice = _held_where(job, xyz)
     if not np.isfinite(tension).all():
         sentence = f"{where}the cables do not hold the platform at all (singular pose) {_at(xyz)}{since}."
         limit = float(robot.tension_min.max())
@@ -159,6 +181,23 @@ def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
         f"{tension[cable]:.2f} N ({'at least' if slack else 'at most'} {limit:.2f} N allowed){since}."
     )
     return Finding("tension", layer, _triple(xyz), cable + 1, float(tension[cable]), limit, "N", sentence, advice)
+
+
+def _held_where(job: Job, xyz: Array) -> str:
+    """What would help where no tension holds the platform, by what holds in the middle of the bed."""
+    robot, laid = job.robot, job.toolpath.xyz[laying(job.toolpath)]
+    middle = np.array([[0.0, 0.0, laid[:, 2].min()], [0.0, 0.0, xyz[2]]])
+    low, here = judge_tensions(robot)(middle, np.zeros(2))[0][:, 0]
+    if low < 0:
+        return (
+            f"Nor does any in the middle of the bed: these cables and tension bounds cannot carry {robot.mass:g} kg at "
+            "this bed, wherever the part stands (platform.mass_kg, cables.max_tension_n, bed.z_mm)."
+        )
+    if here < 0:
+        return f"At {xyz[2]:.4g} mm none does in the middle of the bed either: a lower part, or one split in height."
+    centred = np.linalg.norm((laid.min(axis=0) + laid.max(axis=0))[:2] / 2) < CENTRED
+    shift = "turn it" if centred else "Move the part towards the middle of the bed, turn it"
+    return (shift[:1].upper() + shift[1:]) + ", or make it smaller or lower."
 
 
 def contact_findings(
@@ -190,7 +229,8 @@ def _contact(
     xyz = _nearest_place(job.robot, move, bead, cable)
     layers = job.toolpath.layer[moves.move[contacts.move[rows]]]
     layer, first, limit = int(job.toolpath.layer[move.move[0]]), int(layers[0]), float(grow[cable])
-    what = "the part" if code == "cable-part" else "the bed plate"
+    roles = job.toolpath.role[beads.move[contacts.bead[rows]]] if code == "cable-part" else np.zeros(0)
+    what = _named(job, int(bead.move[0])) if code == "cable-part" else "the bed plate"
     state = f"comes within {value:.2f} mm of {what}" if value > 0 else f"cuts {-value:.2f} mm into {what}"
     if value == 0:
         state = f"meets {what}"
@@ -200,7 +240,14 @@ def _contact(
         f"{blocked} moves in layers {layers.min()} to {layers.max()} are blocked by it."
     )
     advice = _advice(job, beads, int(moves.stage[contacts.move[rows[0]]]), first, xyz, cable, code)
+    if len(roles) and (roles == Role.SKIRT).all():
+        advice = "Only the skirt is in its way, not the part: leave it out (-s skirt_loops=0) or bring it nearer."
     return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice)
+
+
+def _named(job: Job, row: int) -> str:
+    role = int(job.toolpath.role[row])
+    return f"the {feature(role)}" if role in (Role.SKIRT, Role.SUPPORT) else f"the part ({feature(role)})"
 
 
 def _advice(job: Job, beads: Obstacles, stage: int, first: int, xyz: Array, cable: int, code: str) -> str:

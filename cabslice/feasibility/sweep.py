@@ -26,7 +26,7 @@ from cabslice.feasibility.obstacles import Moves, Obstacles
 from cabslice.feasibility.trees import Bounds, Tree, bounds_of_beads, bounds_of_moves, cable_gap, members
 from cabslice.robot.model import Robot
 
-FAR = 3.0            # mm: margins are not looked for beyond this
+FAR = 3.0            # mm: margins are not looked for beyond this, where nothing else is asked for
 RESOLUTION = 0.01    # mm
 BLOCK_LEVEL = 10     # moves are searched in blocks of 2^10 leaves
 PAIRS = 1 << 12      # pairs of nodes in one sweep
@@ -44,21 +44,22 @@ class Contacts:
     bead: Array          # (H,) row of Tree.items of the beads
     cable: Array         # (H,) from 0
     gap: Array           # (H,) mm, centre line of the cable to bead; 0: it cuts the bead
-    margin: float        # mm, proven for all pairs; FAR where it is at least that; 0 where there are hits
+    margin: float        # mm, proven for all pairs; `far` where it is at least that; 0 where there are hits
     last_stage: int      # moves up to this stage were searched
     complete: bool       # that is all of them
     exact: int           # pairs of move and bead that were computed one by one
+    far: float = FAR     # mm, what the margin was looked for up to
 
 
 def contacts(
     moves: Tree, beads: Tree, robot: Robot, grow: Array,
-    *, stop: int = 10, progress: Callable[[int, int], None] | None = None,
+    *, stop: int = 10, far: float = FAR, progress: Callable[[int, int], None] | None = None,
 ) -> Contacts:
     """Every hit of a cable on a bead, up to the block of moves in which `stop` stages have failed.
 
-    moves, beads: trees.tree_of_moves, tree_of_beads; grow (m,) mm.
+    moves, beads: trees.tree_of_moves, tree_of_beads; grow (m,) mm; margins are looked for up to `far` mm.
     """
-    search = _Search(moves, beads, robot, grow)
+    search = _Search(moves, beads, robot, grow, far)
     size = min(BLOCK_LEVEL, len(moves.levels) - 1)
     blocks = len(moves.levels[size].low)
     done = 0
@@ -73,12 +74,12 @@ def contacts(
 class _Search:
     """What a search knows so far."""
 
-    def __init__(self, moves: Tree, beads: Tree, robot: Robot, grow: Array) -> None:
-        self.moves, self.beads, self.robot, self.grow = moves, beads, robot, grow
+    def __init__(self, moves: Tree, beads: Tree, robot: Robot, grow: Array, far: float) -> None:
+        self.moves, self.beads, self.robot, self.grow, self.far = moves, beads, robot, grow, far
         self.paths: Moves = moves.items          # type: ignore[assignment]
         self.laid: Obstacles = beads.items       # type: ignore[assignment]
         self.offsets = offsets(robot)
-        self.margin, self.exact = FAR, 0
+        self.margin, self.exact = far, 0
         self.hit = np.zeros((len(self.paths), robot.cables), bool)
         self.hits: list[tuple[Array, Array, Array, Array]] = []
 
@@ -162,7 +163,7 @@ class _Search:
         move, bead, cable = move[rows], bead[rows], cable[rows]
         self.exact += len(rows)
         hit, gap = self.decide(move, bead, cable)
-        self.margin = min(self.margin, float((gap - self.grow[cable])[~hit].min(initial=FAR)))
+        self.margin = min(self.margin, float((gap - self.grow[cable])[~hit].min(initial=self.far)))
         if hit.any():
             self.margin = 0.0
             self.record(move[hit], bead[hit], cable[hit], gap[hit])
@@ -215,7 +216,8 @@ class _Search:
         move, bead, cable, gap = (np.concatenate(column) for column in zip(*(self.hits or [empty]), strict=True))
         order = np.lexsort((cable, self.paths.move[move]))
         return Contacts(
-            move[order], bead[order], cable[order], gap[order], self.margin, last_stage, complete, self.exact
+            move[order], bead[order], cable[order], gap[order], self.margin, last_stage, complete, self.exact,
+            self.far,
         )
 
 
