@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,8 +27,6 @@ from cabslice.errors import ImpossibleError, ModelError, ProfileError, UsageErro
 from cabslice.feasibility.findings import Verdict
 from cabslice.files import STDOUT, atomic
 from cabslice.mesh.part import Part
-from cabslice.motors.start import Lead
-from cabslice.motors.stream import MotorStream
 from cabslice.profile import shelf
 from cabslice.profile.material import Material
 from cabslice.profile.printer import Printer
@@ -39,6 +37,10 @@ from cabslice.store import Laid, Origin, Planned, Product, Sliced
 from cabslice.toolpath.path import Toolpath
 from cabslice.toolpath.summary import summary
 from cabslice.view import numbers
+
+if TYPE_CHECKING:
+    from cabslice.motors.start import Lead
+    from cabslice.motors.stream import MotorStream
 
 GCODE = (".gcode", ".gco", ".g")
 Progress = Callable[[str, int, int], None]   # stage, done, total
@@ -170,20 +172,20 @@ def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
     return Laid(origin, with_stops(reading.toolpath, profiles.process))
 
 
-def to_layers(product: Placed | Product, progress: Progress = silent) -> Sliced:
+def to_layers(product: Placed | Product, progress: Progress = silent, *, jobs: int = 1) -> Sliced:
     if isinstance(product, Placed):
-        return Sliced(product.origin, tuple(_cut(product, progress)))
+        return Sliced(product.origin, tuple(_cut(product, progress, jobs)))
     return _only(product, Sliced, "layers")
 
 
-def to_path(product: Placed | Product, progress: Progress = silent) -> Laid:
-    from cabslice.toolpath.order import lay_toolpath
-
+def to_path(product: Placed | Product, progress: Progress = silent, *, jobs: int = 1) -> Laid:
     if not isinstance(product, (Placed, Sliced)):
         return _only(product, Laid, "path")
     profiles = profiles_of(product.origin)
     assert profiles.printer.extruder
-    layers: Iterable[Layer] = product.layers if isinstance(product, Sliced) else _cut(product, progress)
+    layers: Iterable[Layer] = product.layers if isinstance(product, Sliced) else _cut(product, progress, jobs)
+    from cabslice.toolpath.order import lay_toolpath  # here: its compiled parts load while other processes slice
+
     toolpath = lay_toolpath(
         layers, profiles.process, profiles.material,
         filament_diameter_mm=profiles.printer.extruder.filament_diameter_mm,
@@ -252,7 +254,10 @@ def to_plan(
     box = check_box(product)
     if box is not None:
         _passed(box)
-    laid = to_path(product, progress) if not isinstance(product, Planned) else Laid(product.origin, product.toolpath)
+    if isinstance(product, Planned):
+        laid = Laid(product.origin, product.toolpath)
+    else:
+        laid = to_path(product, progress, jobs=jobs)
     laid, shown = (laid, laid) if from_layer is None else taken_up(laid, from_layer)
     verdict = _passed(check_path(shown, progress))
     plan, proof = proven(laid, progress, engine=engine, jobs=jobs)
@@ -330,6 +335,8 @@ def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float, *, extr
 
 def _lead(origin: Origin) -> Lead:
     start = profiles_of(origin).printer.start
+    from cabslice.motors.start import Lead
+
     return Lead(start.tensioning_s, start.first_tension)
 
 
@@ -433,13 +440,14 @@ def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
     return {kind: {"name": model.name, "sha256": shelf.profile_hash(model)} for kind, model in models.items()}
 
 
-def _cut(placed: Placed, progress: Progress) -> Iterator[Layer]:
+def _cut(placed: Placed, progress: Progress, jobs: int) -> Iterator[Layer]:
     from cabslice.slicing.slicer import slice_part
 
     profiles = profiles_of(placed.origin)
     assert profiles.printer.nozzle
     nozzle = profiles.printer.nozzle.diameter_mm
-    return iter(slice_part(placed.part, profiles.process, nozzle_mm=nozzle, progress=partial(progress, "slice")))
+    tick = partial(progress, "slice")
+    return slice_part(placed.part, profiles.process, nozzle_mm=nozzle, progress=tick, jobs=jobs)
 
 
 def _only(product: Any, cls: type, stage: str) -> Any:

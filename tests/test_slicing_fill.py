@@ -12,7 +12,7 @@ from slicing_kit import region_of, ring_area, shape_of, shapes
 from cabslice.slicing.flow import bead_area, bead_spacing, bead_width
 from cabslice.slicing.infill import even_lines, fixed_lines
 from cabslice.slicing.region import Region, contains, difference, offset, opening, to_rings, union
-from cabslice.slicing.surfaces import RunningIntersection, bridge_angle, divide, neighbours
+from cabslice.slicing.surfaces import RunningIntersection, Window, bridge_angle, divide, neighbours
 from cabslice.slicing.thin import Strips, strip_area, thin_lines, thin_out
 from cabslice.slicing.walls import walls
 
@@ -180,7 +180,7 @@ def test_thinned_lines_stay_within_the_tolerance(sizes, tolerance, seed):
 @given(st.lists(shapes(holes=1), min_size=1, max_size=7), st.integers(0, 3), st.integers(0, 3))
 def test_skins_are_what_too_few_layers_cover(many, top, bottom):
     """The running intersection against the definition, layer by layer, by shapely."""
-    seen = list(neighbours([region_of(shape) for shape in many], top, bottom))
+    seen = list(neighbours([region_of(shape) for shape in many], Window(0, len(many), len(many), bottom, top)))
     assert [near.index for near in seen] == list(range(len(many)))
     for i, near in enumerate(seen):
         common = many[i]
@@ -206,7 +206,7 @@ def test_running_intersection_of_a_queue():
 @given(shapes(), shapes(), shapes(), st.booleans(), st.booleans())
 def test_the_inside_is_divided_without_overlap_or_loss(below, here, above, sparse, solid):
     inside = region_of(here)
-    near = list(neighbours([region_of(below), inside, region_of(above)], 1, 1))[1]
+    near = list(neighbours([region_of(below), inside, region_of(above)], Window(0, 3, 3, 1, 1)))[1]
     parts = divide(inside, near, 0.45, sparse=sparse, solid=solid)
     pieces = [parts.top, parts.bridge, parts.solid, parts.sparse]
     assert sum(piece.area() for piece in pieces) == pytest.approx(here.area, abs=1e-4)

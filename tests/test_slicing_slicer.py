@@ -17,7 +17,7 @@ from cabslice.errors import ModelError
 from cabslice.mesh.load import load_mesh
 from cabslice.mesh.place import place
 from cabslice.slicing.layer import Role
-from cabslice.slicing.slicer import slice_part
+from cabslice.slicing.slicer import RUN, slice_part
 
 MODELS = Path(__file__).parents[2] / "shared" / "models"
 SAMPLES = Path(__file__).parents[1] / "samples"
@@ -307,3 +307,24 @@ def test_a_mesh_with_two_coats_is_printed_once():
     box = prism(shapely.box(0, 0, 8, 8), 0, 2)
     one, two = sliced(box), sliced(joined(box, Mesh(box.vertices.copy(), box.faces)))
     assert section_volume(two) == pytest.approx(section_volume(one))
+
+
+def test_layers_are_the_same_however_many_processes_make_them():
+    alone, shared = (
+        list(slice_part(sample("tower"), process(infill=0.2), nozzle_mm=0.4, jobs=jobs)) for jobs in (1, 3)
+    )
+    assert len(alone) > 2 * RUN
+    assert bytes_of(alone) == bytes_of(shared)
+
+
+def test_what_lies_in_the_next_run_of_layers_is_seen():
+    """A step in the part just above the end of a run: the layers under it are skin, as if the run had no end."""
+    height = 0.2 * RUN
+    step = joined(
+        prism(shapely.box(0, 0, 20, 20), 0, height), prism(shapely.box(0, 0, 10, 20), height, height + 2)
+    )
+    layers = sliced(step, infill=0.2, top_layers=3)
+    has = {role: [layer.index for layer in layers if role in roles(layer)] for role in Role}
+    assert RUN - 1 in has[Role.TOP_SKIN]
+    assert {RUN - 2, RUN - 3} <= set(has[Role.SOLID_INFILL])
+    assert RUN - 5 not in has[Role.SOLID_INFILL]

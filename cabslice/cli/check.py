@@ -31,7 +31,7 @@ def check(file: str, machine: Machine, placing: Placing, jobs: int, talk: Talk) 
     verdict = pipeline.check_box(product)
     if verdict is None or verdict.ok:
         with talk.progress() as tick:
-            ready = product if isinstance(product, Planned) else pipeline.to_path(product, tick)
+            ready = product if isinstance(product, Planned) else pipeline.to_path(product, tick, jobs=jobs)
             verdict = pipeline.check(ready, tick, jobs=jobs)
     name = pipeline.profiles_of(product.origin).printer.name
     sentence = f"{name} {'can' if verdict.ok else 'cannot'} make {product.origin.part} as asked."

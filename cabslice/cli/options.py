@@ -133,7 +133,7 @@ placing = _gather("placing", Placing, {
 
 
 jobs = click.option("-j", "--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1,
-                    help="Threads; the result is the same for any number. Default: one a core.")
+                    help="Cores to use; the result is the same for any number. Default: one a core.")
 engine = click.option("--engine", type=click.Choice(["compiled", "toppra"]), default="compiled", show_default=True,
                       help="What finds the speed: our own recursion, or toppra as the reference.")
 

@@ -15,9 +15,10 @@ FORMATS = ("path", "gcode", "layers")
 @click.argument("file", metavar="PART")
 @options.machine
 @options.placing
+@options.jobs
 @options.output
 @options.talk
-def slice(file: str, machine: Machine, placing: Placing, output: Output, talk: Talk) -> None:
+def slice(file: str, machine: Machine, placing: Placing, jobs: int, output: Output, talk: Talk) -> None:
     """Cut a part into layers and lay the path of the nozzle.
 
     PART is a mesh (STL, OBJ, PLY, OFF, 3MF) or a .layers file. Writes .path, which the later commands take;
@@ -32,11 +33,11 @@ def slice(file: str, machine: Machine, placing: Placing, output: Output, talk: T
     product = begin(file, machine, placing, talk)
     with talk.progress() as tick:
         if target.format == "layers":
-            sliced = pipeline.to_layers(product, tick)
+            sliced = pipeline.to_layers(product, tick, jobs=jobs)
             found = numbers.of_layers(sliced.layers)
             store.save(sliced, target.path, overwrite=target.overwrite)
         else:
-            laid = pipeline.to_path(product, tick)
+            laid = pipeline.to_path(product, tick, jobs=jobs)
             found = pipeline.numbers_of(laid)
             if target.format == "path":
                 store.save(laid, target.path, overwrite=target.overwrite)

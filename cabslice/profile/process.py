@@ -65,7 +65,7 @@ class Process(Table):
     )
     skirt_loops: int = Field(default=1, ge=0, le=100, description="loops around the part before the first layer")
     skirt_gap_mm: float = Field(default=5.0, ge=0, le=1000, description="air between part and skirt")
-    resolution_mm: float = Field(default=0.005, gt=0, le=1, description="outlines are simplified by at most this")
+    resolution_mm: float = Field(default=0.0125, gt=0, le=1, description="outlines are simplified by at most this")
     corner_mm: float = Field(
         default=0.05, gt=0, le=5,
         description="how far the nozzle may leave the toolpath where corners are rounded",

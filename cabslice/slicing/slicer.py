@@ -6,9 +6,10 @@ and sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
+from functools import partial
+from itertools import chain, islice
 from typing import Protocol
 
 import numpy as np
@@ -22,9 +23,10 @@ from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
 from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, layer_heights
 from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.parallel import in_order
 from cabslice.slicing.region import Region, from_rings, to_polygons
 from cabslice.slicing.sections import cut
-from cabslice.slicing.surfaces import Neighbours, bridge_angle, divide, neighbours
+from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
 from cabslice.slicing.thin import Strips, segment_widths, strip_area, thin_lines
 from cabslice.slicing.walls import Inside, walls
 
@@ -38,6 +40,7 @@ THIN_CORRECTION = 0.15   # share by which the volume of beads in strips may be c
 
 COARSE = 0.05        # of the bead: detail of neighbouring layers that does not make a skin
 TOGETHER = 8         # layers whose strips are filled in one go
+RUN = 48             # layers that one process makes in one go
 
 Progress = Callable[[int, int], None]
 
@@ -53,34 +56,81 @@ class Solid(Protocol):
     def name(self) -> str: ...
 
 
-def slice_part(part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None) -> Iterator[Layer]:
-    """Layers of the part from the bed up, made a few at a time as they are asked for.
+@dataclass(frozen=True)
+class Cutting:
+    """What any run of layers is made from."""
+
+    part: Solid
+    process: Process
+    nozzle_mm: float
+    heights: Heights
+    pitch_mm: float
+    low: Array    # (F,) mm, of each face
+    high: Array
+
+
+def slice_part(
+    part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None, jobs: int = 1
+) -> Iterator[Layer]:
+    """Layers of the part from the bed up, made a run at a time by up to `jobs` processes, which begin at once.
 
     The part stands on z = 0 (mesh.place). progress(done, all) is called after each layer. Layers without beads
-    (a gap between bodies) come too. Raises ModelError at the end if no layer has a bead.
+    (a gap between bodies) come too. The runs, and so the layers, are the same for any `jobs`. Raises ModelError at the
+    end if no layer has a bead.
     """
     heights = layer_heights(float(part.vertices[:, 2].max()), process.first_layer_mm, process.layer_mm)
-    outlines = (
-        from_rings(points, starts, simplify_mm=process.resolution_mm)
-        for points, starts in cut(part.vertices, part.faces, heights.plane)
-    )
     pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
-    near = neighbours(outlines, process.top_layers, process.bottom_layers, COARSE * process.bead_mm)
+    z = part.vertices[:, 2][part.faces]
+    cutting = Cutting(part, process, nozzle_mm, heights, pitch, z.min(1), z.max(1))
+    made = in_order(partial(_run, cutting), _runs(heights, process), jobs)
+    return _watched(chain.from_iterable(made), part.name, nozzle_mm, len(heights.top), progress)
+
+
+def _watched(
+    layers: Iterable[Layer], name: str, nozzle_mm: float, count: int, progress: Progress | None
+) -> Iterator[Layer]:
     laid = False
-    while some := [_layer(each, heights, process, nozzle_mm, pitch) for each in islice(near, TOGETHER)]:
-        _lay_strips(some, nozzle_mm)
-        for raw in some:
-            beads = raw.beads.beads(raw.outline)
-            laid = laid or bool((beads.island >= 0).any())
-            top = float(heights.top[raw.index])
-            yield Layer(raw.index, top, raw.filling.height_mm, to_polygons(raw.outline), beads)
-            if progress is not None:
-                progress(raw.index + 1, len(heights.top))
+    for layer in layers:
+        laid = laid or bool((layer.beads.island >= 0).any())
+        yield layer
+        if progress is not None:
+            progress(layer.index + 1, count)
     if not laid:
         raise ModelError(
-            f"{part.name}: nothing to print: everywhere narrower than {THINNEST * nozzle_mm:.2g} mm, "
-            f"{THINNEST:g} of the {nozzle_mm:g} mm nozzle. Is the unit right? See --unit and --scale.", file=part.name,
+            f"{name}: nothing to print: everywhere narrower than {THINNEST * nozzle_mm:.2g} mm, "
+            f"{THINNEST:g} of the {nozzle_mm:g} mm nozzle. Is the unit right? See --unit and --scale.", file=name,
         )
+
+
+def _runs(heights: Heights, process: Process) -> list[tuple[int, int]]:
+    """First layer and end of each run: long beside what a run must know of the layers around it."""
+    count = len(heights.top)
+    size = max(RUN, 4 * (process.top_layers + process.bottom_layers))
+    return [(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def _run(cutting: Cutting, first: int, end: int) -> list[Layer]:
+    """Layers first..end."""
+    part, process, heights = cutting.part, cutting.process, cutting.heights
+    around = slice(max(0, first - process.bottom_layers), end + process.top_layers)
+    planes = heights.plane[around]
+    faces = part.faces[(cutting.low <= planes[-1]) & (cutting.high >= planes[0])]
+    outlines = (
+        from_rings(points, starts, simplify_mm=process.resolution_mm)
+        for points, starts in cut(part.vertices, faces, planes)
+    )
+    known = Window(first, end, len(heights.top), process.bottom_layers, process.top_layers)
+    near = neighbours(outlines, known, COARSE * process.bead_mm)
+    layers: list[Layer] = []
+    while some := [_layer(each, heights, process, cutting.nozzle_mm, cutting.pitch_mm)
+                   for each in islice(near, TOGETHER)]:
+        _lay_strips(some, cutting.nozzle_mm)
+        layers += [
+            Layer(raw.index, float(heights.top[raw.index]), raw.filling.height_mm, to_polygons(raw.outline),
+                  raw.beads.beads(raw.outline))
+            for raw in some
+        ]
+    return layers
 
 
 def _lateral_share(vertices: Array, faces: Array) -> tuple[float, float]:

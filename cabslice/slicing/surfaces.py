@@ -42,27 +42,39 @@ class Neighbours:
     common: Region
 
 
-def neighbours(
-    outlines: Iterable[Region], top_layers: int, bottom_layers: int, coarse_mm: float = 0.0
-) -> Iterator[Neighbours]:
-    """One per outline, in order; holds top_layers + bottom_layers + 1 outlines at a time.
+@dataclass(frozen=True)
+class Window:
+    """Layers first..end of `count`, and how many outlines below and above each say what is skin."""
 
-    All but the outline itself are simplified by coarse_mm.
+    first: int
+    end: int
+    count: int
+    below: int
+    above: int
+
+
+def neighbours(outlines: Iterable[Region], window: Window, coarse_mm: float = 0.0) -> Iterator[Neighbours]:
+    """One per layer of the window, in order; holds window.above + window.below + 1 outlines at a time.
+
+    `outlines` begin window.below layers before the first, or at the bed, and end as far above, or at the top. All but
+    a layer's own outline are simplified by coarse_mm.
     """
-    window: deque[tuple[Region, Region]] = deque()
+    queue: deque[tuple[Region, Region]] = deque()
     common = RunningIntersection()
-    index = 0
-    for outline in chain(repeat(Region(), bottom_layers), outlines, repeat(Region(), top_layers)):
+    index = window.first
+    under = repeat(Region(), max(0, window.below - window.first))
+    over = repeat(Region(), max(0, window.end + window.above - window.count))
+    for outline in chain(under, outlines, over):
         rough = outline.simplify(coarse_mm) if coarse_mm else outline
-        window.append((outline, rough))
+        queue.append((outline, rough))
         common.push(rough)
-        if len(window) <= top_layers + bottom_layers:
+        if len(queue) <= window.above + window.below:
             continue
-        above = window[bottom_layers + 1][1] if top_layers else None
-        below = window[bottom_layers - 1][1] if bottom_layers and index else None
-        yield Neighbours(index, window[bottom_layers][0], above, below, common.value())
+        above = queue[window.below + 1][1] if window.above else None
+        below = queue[window.below - 1][1] if window.below and index else None
+        yield Neighbours(index, queue[window.below][0], above, below, common.value())
         index += 1
-        window.popleft()
+        queue.popleft()
         common.pop()
 
 

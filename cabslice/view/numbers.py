@@ -6,17 +6,18 @@ Every key names its unit; per-cable values are lists in the order of the cables.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.mesh.part import Part
-from cabslice.motors.statistics import statistics
-from cabslice.motors.stream import MotorStream
 from cabslice.slicing.layer import Layer, Role
 from cabslice.timing.trajectory import Trajectory, sample
 from cabslice.toolpath.path import Toolpath
+
+if TYPE_CHECKING:
+    from cabslice.motors.stream import MotorStream
 
 ROWS = 1 << 16   # samples looked at together
 
@@ -58,6 +59,8 @@ def of_motion(trajectory: Trajectory, path: Toolpath, period_s: float) -> dict[s
 
 def of_stream(stream: MotorStream) -> dict[str, Any]:
     """What its header says and, per cable, what its rows say."""
+    from cabslice.motors.statistics import statistics
+
     header = stream.header
     return statistics(stream).as_dict() | {"duration_s": header["duration_s"]} | dict(header.get("numbers", {}))
 
