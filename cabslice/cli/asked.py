@@ -69,7 +69,7 @@ class Asked:
         if self.preload_n is not None and self.distribution not in LEVELLED:
             known = ", ".join(LEVELLED)
             raise UsageError(f"--preload-n: {self.distribution} has no level to set; --distribution may be: {known}.")
-        robot = robot_from_printer(self._profile(), pulleys=not self.no_pulleys)
+        robot = robot_from_printer(self.profile(), pulleys=not self.no_pulleys)
         changes: dict[str, Any] = {"winders": None} if self.no_pulleys else {}
         if self.mass_kg is not None:
             changes["mass"] = self.mass_kg
@@ -102,7 +102,7 @@ class Asked:
         x, y, z = (np.linspace(*ends) for ends in zip(low, high, counts.astype(int), strict=True))
         return Grid(x, y, z, turn=from_angles(np.radians(turn_deg)))
 
-    def _profile(self) -> Any:
+    def profile(self) -> Any:
         from cabslice.profile import shelf
 
         return shelf.load_printer(printer_name(self.printer), self.sets)
@@ -115,7 +115,7 @@ class Asked:
             "reference_tension_n": robot.tension_reference.tolist()}
         bed = {} if robot.bed_origin is None else {"bed_mm": float(robot.bed_origin[2])}
         return {
-            "profiles": {"printer": {"name": robot.name, "sha256": shelf.profile_hash(self._profile())}},
+            "profiles": {"printer": {"name": robot.name, "sha256": shelf.profile_hash(self.profile())}},
             "pulleys": not self.no_pulleys, "mass_kg": robot.mass,
             "min_tension_n": robot.tension_min.tolist(), "max_tension_n": robot.tension_max.tolist(),
             "distribution": self.distribution, **level, **bed,

@@ -50,11 +50,11 @@ def rechunk(blocks: Iterable[Block], size: int) -> Iterator[Block]:
     for block in blocks:
         waiting.append(block)
         while sum(map(len, waiting)) >= size:
-            whole = waiting[0] if len(waiting) == 1 else _join(waiting)
+            whole = waiting[0] if len(waiting) == 1 else joined(waiting)
             waiting = [cut(whole, size, len(whole))] if len(whole) > size else []
             yield cut(whole, 0, size)
     if waiting:
-        yield _join(waiting)
+        yield joined(waiting)
 
 
 def cut(block: Block, start: int, stop: int) -> Block:
@@ -64,6 +64,6 @@ def cut(block: Block, start: int, stop: int) -> Block:
     return Block(block.row + start, **{name: column[start:stop] for name, column in present(block).items()})
 
 
-def _join(blocks: list[Block]) -> Block:
+def joined(blocks: list[Block]) -> Block:
     columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in present(blocks[0])}
     return Block(blocks[0].row, **columns)

@@ -39,15 +39,15 @@ def matrix(vector: Array) -> Array:
 
 def vector(turn: Array) -> Array:
     """Rotation vectors (K, 3) rad, angle in 0..pi, of rotation matrices (K, 3, 3)."""
-    return _vector_of(_quaternion_of(turn))
+    return vector_of(_quaternion_of(turn))
 
 
 def turned(start: Array, step: Array) -> Array:
     """Rotation vector of exp([step]x) exp([start]x), (K, 3) rad: the left perturbation of an orientation."""
-    p, q = _quaternion(step), _quaternion(start)
+    p, q = quaternion(step), quaternion(start)
     w = p[..., 0] * q[..., 0] - np.einsum("...i,...i", p[..., 1:], q[..., 1:])
     v = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + cross(p[..., 1:], q[..., 1:])
-    return _vector_of(np.concatenate((w[..., None], v), axis=-1))
+    return vector_of(np.concatenate((w[..., None], v), axis=-1))
 
 
 def from_angles(angles: Array) -> Array:
@@ -78,13 +78,15 @@ def angle_rates(vectors: Array) -> Array:
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
-def _quaternion(vector: Array) -> Array:
+def quaternion(vector: Array) -> Array:
+    """Unit quaternions (K, 4), w first, of rotation vectors (K, 3) rad."""
     angle = np.sqrt(np.einsum("...i,...i", vector, vector))
     half = 0.5 * np.sinc(angle / (2 * np.pi))
     return np.concatenate((np.cos(angle / 2)[..., None], half[..., None] * vector), axis=-1)
 
 
-def _vector_of(q: Array) -> Array:
+def vector_of(q: Array) -> Array:
+    """Rotation vectors (K, 3) rad of unit quaternions (K, 4), w first."""
     q = np.where(q[..., :1] < 0, -q, q)
     size = np.sqrt(np.einsum("...i,...i", q[..., 1:], q[..., 1:]))
     tiny = size < 1e-12

@@ -29,8 +29,8 @@ from cabslice.robot.model import Robot, WinderColumns
 from cabslice.robot.winder_line import WinderLine, line_at, line_to_pulley
 
 __all__ = [
-    "angle_of", "layer", "line_to_pulley", "loaded_length", "motor_angles", "motor_rates", "pulley_lengths_of",
-    "radius", "transmission", "transmission_bounds", "wound",
+    "FreeCable", "angle_of", "free_cable", "layer", "line_to_pulley", "loaded_length", "motor_angles", "motor_rates",
+    "pulley_lengths_of", "radius", "transmission", "transmission_bounds", "wound",
 ]
 
 
@@ -181,6 +181,29 @@ def motor_rates(
     line, climb, rate = _line(robot, winders, pieces, phi)
     taken = winders.advantage * length_rates - (line.length + winders.advantage * lengths) * stretching / strain
     return -winders.gear * taken / (rate * strain + climb)
+
+
+@dataclass(frozen=True)
+class FreeCable:
+    """What the motors leave free of each cable, all (K, m) mm and mm/s."""
+
+    rest: Array         # unstretched length of what is not wound, all strands
+    line: Array         # from winder to pulley entry
+    rest_rate: Array
+    line_rate: Array
+
+
+def free_cable(robot: Robot, angle: Array, speed: Array, *, home_tension: Array | None = None) -> FreeCable:
+    """Free cable at motor angles (K, m) rad and speeds (K, m) rad/s: what they command, whatever the platform does.
+
+    home_tension as in motor_angles.  Raises PoseError outside winders.span.
+    """
+    winders = _winders(robot)
+    pieces, phi = _pieces(winders), _check(winders, np.asarray(angle, float)) / winders.gear
+    line, climb, rate = _line(robot, winders, pieces, phi)
+    turning = np.asarray(speed, float) / winders.gear
+    rest = _constant(robot, winders, home_tension) - _wound(pieces, phi)
+    return FreeCable(rest, line.length, -rate * turning, climb * turning)
 
 
 def loaded_length(robot: Robot, lengths: Array, angle: Array) -> Array:
