@@ -54,7 +54,9 @@ class Process(Table):
     top_layers: int = Field(ge=0, le=10000, description="solid layers under every top surface")
     bottom_layers: int = Field(ge=0, le=10000, description="solid layers over every bottom surface")
     infill: float = Field(ge=0, le=1, description="share of the inside that is filled")
-    pattern: Literal["rectilinear", "grid"] = Field(description="infill pattern")
+    pattern: Literal[
+        "rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric",
+    ] = Field(description="infill pattern; rectilinear turns by 90 deg in every layer, aligned does not")
     infill_angle_deg: float = Field(
         default=45.0, ge=-360, le=360,
         description="direction of the first infill line, from x",

@@ -14,8 +14,9 @@ import numpy as np
 from cabslice.profile.process import Process
 from cabslice.slicing.beads import BeadList
 from cabslice.slicing.flow import bead_spacing, bead_width
-from cabslice.slicing.infill import Lines, even_lines, fixed_lines
+from cabslice.slicing.infill import Lines, even_lines
 from cabslice.slicing.layer import Role
+from cabslice.slicing.patterns import FAMILIES, UNLINKED, Sparse, layer_share, sparse_lines
 from cabslice.slicing.region import Region, edge_length, offset, opening
 from cabslice.slicing.walls import thin_parts
 
@@ -24,7 +25,6 @@ CORRECTION_SPARSE = 0.25
 WIDER = 1.25        # sparse lines may lie this much further apart, to make up for the links along the edge
 BOND = 0.25         # share of the overlap with walls that is laid as volume of its own, to press the lines against them
 LINK_SOLID = 8.0    # spacings along the edge up to which neighbouring lines are linked
-LINK_SPARSE = 2.5
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def fill_solid(beads: BeadList, region: Region, filling: Filling, angle: float, 
     if wide.is_empty():
         return thin
     lines = even_lines(offset(wide, filling.overlap_mm - s / 2), s, angle, filling.overlap_mm, LINK_SOLID * s)
-    _lay(beads, lines, wide.area() + BOND * filling.overlap_mm * edge_length(wide), filling, role)
+    _lay(beads, [lines], wide.area() + BOND * filling.overlap_mm * edge_length(wide), filling, role)
     return thin
 
 
@@ -61,33 +61,31 @@ def sparse_pitch(process: Process, length: float, area: float) -> float:
     Half of the inside's edge will be linked at each angle; lines lie further apart to make up for it, within WIDER.
     """
     spacing = float(bead_spacing(process.bead_mm, process.layer_mm))
-    density = process.infill / (2 if process.pattern == "grid" else 1)
+    density = process.infill / FAMILIES.get(process.pattern, 1)
     if density <= 0:
         return spacing
+    if process.pattern in UNLINKED:
+        return spacing / density
     inside = max(area - length * process.walls * spacing, 0.1 * area)
     per_mm = max(density / spacing - length / (2 * inside), density / spacing / WIDER)
     return 1 / per_mm
 
 
-def fill_sparse(
-    beads: BeadList, region: Region, filling: Filling, angles: tuple[float, ...], density: float, pitch: float
-) -> None:
-    """Adds lines at each of the angles, `pitch` mm apart, holding together `density` of the region's volume."""
+def fill_sparse(beads: BeadList, region: Region, filling: Filling, sparse: Sparse, density: float) -> None:
+    """Adds the lines of a pattern, holding together `density` of the region's volume (in the mean over layers)."""
     if region.is_empty():
         return
-    room = offset(region, filling.overlap_mm - filling.spacing_mm / 2)
-    for angle in angles:
-        lines = fixed_lines(room, pitch, angle, LINK_SPARSE * pitch)
-        _lay(beads, lines, density * region.area() / len(angles), filling, Role.SPARSE_INFILL)
+    families = sparse_lines(offset(region, filling.overlap_mm - filling.spacing_mm / 2), sparse)
+    _lay(beads, families, density * layer_share(sparse) * region.area(), filling, Role.SPARSE_INFILL)
 
 
-def _lay(beads: BeadList, lines: Lines, area: float, filling: Filling, role: Role) -> None:
+def _lay(beads: BeadList, families: list[Lines], area: float, filling: Filling, role: Role) -> None:
     """Bead widths so that the lines hold area * height, within CORRECTION of what their spacing asks for."""
     sparse = role == Role.SPARSE_INFILL
     most = CORRECTION_SPARSE if sparse else CORRECTION
-    spacing = np.full(len(lines.spacing), filling.spacing_mm) if sparse else lines.spacing
-    held = float((lines.lengths * spacing).sum())
-    if held > 0:
-        spacing = spacing * np.clip(area / held, 1 - most, 1 + most)
-    width = bead_width(spacing, filling.height_mm)
-    beads.add(lines.points, lines.starts, np.repeat(width, np.diff(lines.starts)), role)
+    spacings = [np.full(len(lines.spacing), filling.spacing_mm) if sparse else lines.spacing for lines in families]
+    held = sum(float((lines.lengths * spacing).sum()) for lines, spacing in zip(families, spacings, strict=True))
+    share = np.clip(area / held, 1 - most, 1 + most) if held > 0 else 1.0
+    for lines, spacing in zip(families, spacings, strict=True):
+        width = bead_width(spacing * share, filling.height_mm)
+        beads.add(lines.points, lines.starts, np.repeat(width, np.diff(lines.starts)), role, lines.closed)

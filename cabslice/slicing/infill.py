@@ -22,16 +22,18 @@ NUDGE = 1e-4  # of a spacing: rows that would lie on the region's lowest or high
 
 @dataclass(frozen=True)
 class Lines:
-    """Open lines: points (N, 2) mm, starts (B+1,), and the row spacing (B,) mm each was laid for."""
+    """Lines, all open or all closed: points (N, 2) mm, starts (B+1,), and the row spacing (B,) mm each was laid for."""
 
     points: Array
     starts: Array
     spacing: Array
+    closed: bool = False
 
     @property
     def lengths(self) -> Array:
         """(B,) mm."""
-        return line_lengths(self.points, self.starts)
+        back = self.points[self.starts[1:] - 1] - self.points[self.starts[:-1]]
+        return line_lengths(self.points, self.starts) + (np.linalg.norm(back, axis=1) if self.closed else 0.0)
 
 
 def line_lengths(points: Array, starts: Array) -> Array:
@@ -48,8 +50,8 @@ def even_lines(region: Region, spacing: float, angle: float, margin: float, link
     """
     parts = [to_rings(part) for part in pieces(region)]
     if not parts:
-        return _no_lines()
-    points = _turn(np.concatenate([part[0] for part in parts]), -angle)
+        return no_lines()
+    points = turn(np.concatenate([part[0] for part in parts]), -angle)
     sizes = np.concatenate([np.diff(part[1]) for part in parts])
     starts = np.concatenate(([0], np.cumsum(sizes)))
     ends = np.cumsum([len(part[0]) for part in parts])
@@ -66,23 +68,27 @@ def even_lines(region: Region, spacing: float, angle: float, margin: float, link
     return _lines(points, starts, angle, (first - base * pitch)[part], pitch[part], base[part], rows[part], link)
 
 
-def fixed_lines(region: Region, spacing: float, angle: float, link: float) -> Lines:
-    """Lines at `spacing` (mm) and `angle` (rad) through the origin, so that they stack from layer to layer."""
+def fixed_lines(region: Region, spacing: float, angle: float, link: float, shift: float = 0.0) -> Lines:
+    """Lines at `spacing` (mm) and `angle` (rad), the same in every layer, so that they stack.
+
+    One of them passes `shift` mm to the left of the origin.
+    """
     points, starts = to_rings(region)
     if not len(points):
-        return _no_lines()
-    points = _turn(points, -angle)
-    ones = np.ones(len(points))
-    base = np.full(len(points), np.floor(points[:, 1].min() / spacing).astype(np.int64))
-    rows = np.full(len(points), int(np.ceil(points[:, 1].max() / spacing)) - base[0] + 1)
-    return _lines(points, starts, angle, 0 * ones, spacing * ones, base, rows, link)
+        return no_lines()
+    points = turn(points, -angle)
+    ones, level = np.ones(len(points)), (points[:, 1] - shift) / spacing
+    base = np.full(len(points), np.floor(level.min()).astype(np.int64))
+    rows = np.full(len(points), int(np.ceil(level.max())) - base[0] + 1)
+    return _lines(points, starts, angle, shift * ones, spacing * ones, base, rows, link)
 
 
-def _no_lines() -> Lines:
+def no_lines() -> Lines:
     return Lines(np.zeros((0, 2)), np.zeros(1, dtype=np.int64), np.zeros(0))
 
 
-def _turn(points: Array, angle: float) -> Array:
+def turn(points: Array, angle: float) -> Array:
+    """Points (N, 2) turned about the origin by an angle (rad)."""
     c, s = np.cos(angle), np.sin(angle)
     return points @ np.array([[c, s], [-s, c]])
 
@@ -91,9 +97,61 @@ def _lines(
     points: Array, starts: Array, angle: float, origin: Array, pitch: Array, base: Array, rows: Array, link: float
 ) -> Lines:
     """Rows y = origin + pitch * row, base <= row < base + rows; these four per point of the rings."""
-    cross = _crossings(points, starts, (points[:, 1] - origin) / pitch, base, rows)
+    cross = crossings(points, starts, *meetings(starts, (points[:, 1] - origin) / pitch, base, rows))
     if not len(cross.row):
-        return _no_lines()
+        return no_lines()
+    chains = linked(points, starts, cross, link)
+    first = cross.edge[cross.by_row[0::2][chains.first]]
+    return Lines(turn(chains.points, angle), chains.starts, pitch[first])
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """In order along the rings: row (C,), x (C,), y (C,), edge (C,), and by_row (C,), their order by row, then x."""
+
+    row: Array
+    x: Array
+    y: Array
+    edge: Array
+    by_row: Array
+
+
+def meetings(starts: Array, level: Array, base: Array, rows: Array) -> tuple[Array, Array, Array]:
+    """Where edges cross rows, in order along the rings: edge (C,), row (C,), share (C,) of the edge.
+
+    level (N,) is y in rows at each point: a point on a row counts as above it; rows base <= row < base + rows (N,).
+    """
+    ahead = following(starts)
+    low, high = np.minimum(level, level[ahead]), np.maximum(level, level[ahead])
+    first = np.maximum(np.floor(low).astype(np.int64) + 1, base)
+    last = np.minimum(np.floor(high).astype(np.int64), base + rows - 1)
+    count = np.maximum(last - first + 1, 0)
+    edge = np.repeat(np.arange(len(level)), count)
+    k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    rising = level[ahead] > level
+    row = np.where(rising[edge], first[edge] + k, last[edge] - k)
+    return edge, row, (row - level[edge]) / (level[ahead] - level)[edge]
+
+
+def crossings(points: Array, starts: Array, edge: Array, row: Array, share: Array) -> Crossings:
+    """Places on edges (C,), in order along the rings of points (N, 2)."""
+    at = points[edge] + share[:, None] * (points[following(starts)] - points)[edge]
+    return Crossings(row, at[:, 0], at[:, 1], edge, np.lexsort((at[:, 0], row)))
+
+
+@dataclass(frozen=True)
+class Chains:
+    """Linked segments: points (M, 2), starts (B+1,), first (B,) segment of each; leave (S,) row in points where each
+    segment ends (it begins one row before)."""
+
+    points: Array
+    starts: Array
+    first: Array
+    leave: Array
+
+
+def linked(points: Array, starts: Array, cross: Crossings, link: float) -> Chains:
+    """Segments between the crossings of each row, chained along the edge up to `link` mm (see the module)."""
     left, right = cross.by_row[0::2], cross.by_row[1::2]
     segment = np.empty(len(cross.row), dtype=np.int64)
     segment[left] = segment[right] = np.arange(len(left))
@@ -105,38 +163,12 @@ def _lines(
     odd = cross.row[left] % 2 == 1
     enter, leave = np.where(odd, left, right), np.where(odd, right, left)
     order, opens = _chains(follow, back, segment[lower], cross.row[left])
-    laid, opens_at = _assemble(points, starts, cross, enter[order], leave[order], back[order], lower, along, opens)
-    return Lines(_turn(laid, angle), opens_at, pitch[cross.edge[left[order[opens]]]])
+    laid, ends = _assemble(points, starts, cross, enter[order], leave[order], back[order], lower, along)
+    begins = np.concatenate(([0], ends[:-1] + 1))
+    return Chains(laid, np.append(begins[opens], len(laid)), order[opens], ends)
 
 
-@dataclass(frozen=True)
-class _Crossings:
-    """In order along the rings: row (C,), x (C,), y (C,), edge (C,), and by_row (C,), their order by row, then x."""
-
-    row: Array
-    x: Array
-    y: Array
-    edge: Array
-    by_row: Array
-
-
-def _crossings(points: Array, starts: Array, level: Array, base: Array, rows: Array) -> _Crossings:
-    """Where the edges cross rows; a point on a row counts as above it. level (N,) is y in rows."""
-    ahead = following(starts)
-    low, high = np.minimum(level, level[ahead]), np.maximum(level, level[ahead])
-    first = np.maximum(np.floor(low).astype(np.int64) + 1, base)
-    last = np.minimum(np.floor(high).astype(np.int64), base + rows - 1)
-    count = np.maximum(last - first + 1, 0)
-    edge = np.repeat(np.arange(len(points)), count)
-    k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    rising = level[ahead] > level
-    row = np.where(rising[edge], first[edge] + k, last[edge] - k)
-    share = (row - level[edge]) / (level[ahead] - level)[edge]
-    at = points[edge] + share[:, None] * (points[ahead] - points)[edge]
-    return _Crossings(row, at[:, 0], at[:, 1], edge, np.lexsort((at[:, 0], row)))
-
-
-def _links(points: Array, starts: Array, cross: _Crossings, link: float) -> tuple[Array, Array, Array]:
+def _links(points: Array, starts: Array, cross: Crossings, link: float) -> tuple[Array, Array, Array]:
     """Crossings (lower, upper) to be linked, and whether the ring runs from lower to upper."""
     ring_of_edge = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     opens = np.searchsorted(ring_of_edge[cross.edge], np.arange(len(starts)))
@@ -167,10 +199,10 @@ def _chains(follow: Array, back: Array, lower_segment: Array, row: Array) -> tup
 
 
 def _assemble(
-    points: Array, starts: Array, cross: _Crossings, enter: Array, leave: Array, back: Array, lower: Array,
-    along: Array, opens: Array,
+    points: Array, starts: Array, cross: Crossings, enter: Array, leave: Array, back: Array, lower: Array,
+    along: Array,
 ) -> tuple[Array, Array]:
-    """Chains as points and starts: per segment the ring's points since the last one, then its two ends."""
+    """Points, per segment the ring's since the last one, then its two ends; and where (S,) its second end is."""
     linked = back >= 0
     a = np.where(linked, lower[back] if len(lower) else 0, 0)
     b = enter                                     # the upper crossing of the link
@@ -191,4 +223,4 @@ def _assemble(
     out[offset[which] + k] = points[vertex]
     out[offset + between] = np.stack((cross.x[enter], cross.y[enter]), axis=1)
     out[offset + between + 1] = np.stack((cross.x[leave], cross.y[leave]), axis=1)
-    return out, np.append(offset[opens], len(out))
+    return out, offset + between + 1

@@ -24,6 +24,7 @@ from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, layer_heights
 from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
+from cabslice.slicing.patterns import Sparse
 from cabslice.slicing.region import Region, from_rings, to_polygons
 from cabslice.slicing.sections import cut
 from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
@@ -179,13 +180,13 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
     for k, level in enumerate(levels):
         beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
-    strips += _fill(beads, inside, near, process, filling, pitch)
+    strips += _fill(beads, inside, near, process, filling, pitch, float(heights.top[near.index]))
     strips = [strip for strip in strips if not strip.region.is_empty()]
     return _RawLayer(near.index, near.outline, filling, WIDEST * max(inner, outer), beads, strips)
 
 
 def _fill(
-    beads: BeadList, inside: Inside, near: Neighbours, process: Process, filling: Filling, pitch: float
+    beads: BeadList, inside: Inside, near: Neighbours, process: Process, filling: Filling, pitch: float, z: float
 ) -> list[_Strip]:
     """Fills what the walls leave; returns the strips in it that are too thin for lines."""
     angle = np.radians(process.infill_angle_deg)
@@ -199,8 +200,8 @@ def _fill(
     strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
     if process.infill > 0:
-        angles = (angle, crossed) if process.pattern == "grid" else (turned,)
-        fill_sparse(beads, parts.sparse, filling, angles, process.infill, pitch)
+        sparse = Sparse(process.pattern, angle, pitch, filling.width_mm, near.index, z)
+        fill_sparse(beads, parts.sparse, filling, sparse, process.infill)
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips]
 
 
