@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cabslice.profile.printer import Name, Table
+from cabslice.profile.stand import Support
 
 Speed = Annotated[float, Field(gt=0, le=5000)]
 LayerNumber = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -23,6 +24,8 @@ class Speeds(Table):
     bridge: Speed = Field(description="beads over air")
     gap_fill: Speed = Field(description="thin leftovers between walls")
     skirt: Speed = Field(description="loops around the part")
+    support: Speed | None = Field(default=None, description="support; absent: as sparse_infill")
+    support_interface: Speed | None = Field(default=None, description="its dense layers; absent: as solid_infill")
     first_layer: Speed = Field(description="highest speed of any bead on the bed")
     travel: Speed = Field(description="moves without a bead")
 
@@ -80,3 +83,4 @@ class Process(Table):
     )
     speeds_mm_s: Speeds
     retraction: Retraction
+    support: Support = Support()

@@ -19,6 +19,9 @@ class BeadList:
         self._role: list[Array] = []
         self._closed: list[Array] = []
 
+    def __bool__(self) -> bool:
+        return bool(self._points)
+
     def add(self, points: Array, starts: Array, width: Array | float, role: Role, closed: Array | bool = False) -> None:
         """Lines points[starts[b]:starts[b+1]] (N, 2); width mm, one or per point (N,); closed one or per line (B,)."""
         if len(points):
@@ -41,8 +44,17 @@ class BeadList:
         points = np.concatenate(self._points)
         starts = np.concatenate(([0], np.cumsum(np.concatenate(self._sizes))))
         role = np.concatenate(self._role)
-        island = np.where(role == Role.SKIRT, -1, islands(outline, points[starts[:-1]]))
+        island = islands(outline, points[starts[:-1]])
         return Beads(points, starts, np.concatenate(self._width), role, np.concatenate(self._closed), island)
+
+
+def beside(beads: Beads, more: BeadList) -> Beads:
+    """The beads of a layer with those of what stands beside the part, which are on no island."""
+    extra = more.beads(Region())
+    columns = {name: np.concatenate((getattr(beads, name), getattr(extra, name)))
+               for name in ("points", "width", "role", "closed")}
+    starts = np.concatenate((beads.starts, extra.starts[1:] + beads.starts[-1]))
+    return Beads(starts=starts, island=np.append(beads.island, np.full(len(extra.role), -1)), **columns)
 
 
 def islands(outline: Region, query: Array) -> Array:

@@ -11,12 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from cabslice.arrays import Array
 
 BLOCK = 150_000  # segments cut at once: bounds memory, not the result
+
+
+class Solid(Protocol):
+    """What is cut: a closed mesh standing on z = 0 (mesh.part.Part is one)."""
+
+    @property
+    def vertices(self) -> Array: ...
+    @property
+    def faces(self) -> Array: ...
+    @property
+    def name(self) -> str: ...
 
 
 def cut(vertices: Array, faces: Array, planes: Array) -> Iterator[tuple[Array, Array]]:

@@ -10,14 +10,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
-from typing import Protocol
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.process import Process
-from cabslice.slicing.adhesion import skirt
 from cabslice.slicing.beads import BeadList
 from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
 from cabslice.slicing.flow import bead_width
@@ -26,7 +24,9 @@ from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
 from cabslice.slicing.patterns import Sparse
 from cabslice.slicing.region import Region, from_rings, to_polygons
-from cabslice.slicing.sections import cut
+from cabslice.slicing.sections import Solid, cut
+from cabslice.slicing.stand import with_stand
+from cabslice.slicing.support import NO_MODIFIERS, Modifiers, plan_support
 from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
 from cabslice.slicing.thin import Strips, segment_widths, strip_area, thin_lines
 from cabslice.slicing.walls import Inside, walls
@@ -46,17 +46,6 @@ RUN = 48             # layers that one process makes in one go
 Progress = Callable[[int, int], None]
 
 
-class Solid(Protocol):
-    """What is sliced: a closed mesh standing on z = 0 (mesh.part.Part is one)."""
-
-    @property
-    def vertices(self) -> Array: ...
-    @property
-    def faces(self) -> Array: ...
-    @property
-    def name(self) -> str: ...
-
-
 @dataclass(frozen=True)
 class Cutting:
     """What any run of layers is made from."""
@@ -71,15 +60,27 @@ class Cutting:
 
 
 def slice_part(
-    part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None, jobs: int = 1
+    part: Solid, process: Process, *, nozzle_mm: float, progress: Progress | None = None, jobs: int = 1,
+    modifiers: Modifiers = NO_MODIFIERS,
 ) -> Iterator[Layer]:
-    """Layers of the part from the bed up, made a run at a time by up to `jobs` processes, which begin at once.
+    """Layers of the part from the bed up, with what stands beside it.
 
-    The part stands on z = 0 (mesh.place). progress(done, all) is called after each layer. Layers without beads
-    (a gap between bodies) come too. The runs, and so the layers, are the same for any `jobs`. Raises ModelError at the
-    end if no layer has a bead.
+    They are made a run at a time by up to `jobs` processes, which begin at once. The part stands on z = 0
+    (mesh.place), and so do the modifiers of its support. progress(done, all) is called after each layer. Layers without
+    beads (a gap between bodies) come too. The runs, and so the layers, are the same for any `jobs`. Raises ModelError
+    at the end if no layer has a bead of the part.
     """
     heights = layer_heights(float(part.vertices[:, 2].max()), process.first_layer_mm, process.layer_mm)
+    layers = _part_layers(part, heights, process, nozzle_mm, progress, jobs)
+    asked = process.support
+    support = plan_support(part, heights, asked, process.bead_mm, modifiers) if asked.kind != "none" else []
+    return with_stand(layers, process, support)
+
+
+def _part_layers(
+    part: Solid, heights: Heights, process: Process, nozzle_mm: float, progress: Progress | None, jobs: int
+) -> Iterator[Layer]:
+    """Layers of the part alone."""
     pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
     z = part.vertices[:, 2][part.faces]
     cutting = Cutting(part, process, nozzle_mm, heights, pitch, z.min(1), z.max(1))
@@ -171,9 +172,6 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
     outer = process.first_bead_mm if first else process.outer_bead_mm
     filling = Filling(inner, height, process.infill_overlap * inner, THINNEST * nozzle)
     beads = BeadList()
-    if first:
-        for loop in skirt(near.outline, process.skirt_loops, process.skirt_gap_mm, inner, filling.spacing_mm):
-            beads.add_rings(loop, inner, Role.SKIRT)
     widths = tuple(outer if k == 0 else inner for k in range(process.walls))
     levels, inside = walls(near.outline, widths, height, filling.thinnest_mm, filling.spacing_mm)
     strips: list[_Strip] = []

@@ -24,9 +24,10 @@ from cabslice.toolpath.sequence import Drawn, draw_layer
 SPEED_OF = {
     Role.OUTER_WALL: "outer_wall", Role.INNER_WALL: "inner_wall", Role.SOLID_INFILL: "solid_infill",
     Role.TOP_SKIN: "top_skin", Role.SPARSE_INFILL: "sparse_infill", Role.BRIDGE: "bridge", Role.GAP_FILL: "gap_fill",
-    Role.SKIRT: "skirt", Role.SUPPORT: "sparse_infill", Role.SUPPORT_INTERFACE: "solid_infill",
+    Role.SKIRT: "skirt", Role.SUPPORT: "support", Role.SUPPORT_INTERFACE: "support_interface",
     Role.IRONING: "top_skin", Role.OVERHANG_WALL: "bridge", Role.CUSTOM: "outer_wall", Role.TRAVEL: "travel",
 }
+INSTEAD = {"support": "sparse_infill", "support_interface": "solid_infill"}   # where the process does not say
 SAME_PLACE = 1e-3  # mm: lines that meet so closely are laid without a travel between; less than lines.TINY
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer")
 
@@ -98,7 +99,8 @@ def _draw(layer: Layer, nozzle: _Nozzle, process: Process) -> tuple[Drawn, Array
 def _speeds(process: Process, first: bool) -> Array:
     """(roles,) mm/s asked for each role."""
     table = process.speeds_mm_s
-    speed = np.array([getattr(table, SPEED_OF[role]) for role in Role])
+    names = [SPEED_OF[role] for role in Role]
+    speed = np.array([getattr(table, name) or getattr(table, INSTEAD.get(name, name)) for name in names])
     if first:
         speed[1:] = np.minimum(speed[1:], table.first_layer)
     return speed

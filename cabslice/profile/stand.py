@@ -1,0 +1,41 @@
+"""What a process file may say of all that is printed beside and under the part: support, brim, raft."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from cabslice.profile.printer import Table
+
+
+class Support(Table):
+    """Material that holds up what would otherwise be laid over air."""
+
+    kind: Literal["none", "straight"] = Field(default="none", description="none, or straight columns")
+    overhangs: Literal["all", "enforced"] = Field(
+        default="all", description="which overhangs: all beyond angle_deg, or only what a --support-enforcer touches")
+    where: Literal["everywhere", "bed"] = Field(
+        default="everywhere", description="bed: only support that stands on the bed, none on the part")
+    angle_deg: float = Field(
+        default=50.0, ge=0, lt=90, description="surfaces that lean further than this from the vertical get support")
+    bridge_mm: float = Field(
+        default=8.0, ge=0, le=1000, description="bridges up to this long, held at both ends, get no support")
+    smallest_mm2: float = Field(
+        default=2.0, ge=0, le=1e6,
+        description="overhangs that cover less get no support, unless nothing else holds them")
+    xy_gap_mm: float = Field(default=0.5, ge=0, le=50, description="air between the part's sides and support")
+    z_gap_mm: float = Field(
+        default=0.2, ge=0, le=50, description="air over support, under the part; made of whole layers, rounded up")
+    bottom_gap_mm: float = Field(
+        default=0.2, ge=0, le=50, description="air under support that stands on the part; rounded up likewise")
+    pattern: Literal["lines", "grid"] = Field(default="lines", description="how support is filled")
+    density: float = Field(default=0.15, gt=0, le=1, description="share of support that is filled")
+    line_angle_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="direction of its lines, from x; interface lines cross them")
+    walls: int = Field(default=1, ge=0, le=20, description="loops around support, inside its edge")
+    interface_layers: int = Field(
+        default=2, ge=0, le=1000, description="denser layers at the top of support, under the part")
+    bottom_interface_layers: int = Field(
+        default=0, ge=0, le=1000, description="denser layers where support stands on the part")
+    interface_density: float = Field(default=0.75, gt=0, le=1, description="share of those layers that is filled")
