@@ -40,6 +40,17 @@ class Retraction(Table):
     hop_mm: float = Field(default=0.0, ge=0, le=50, description="lift of the nozzle during a retracted travel")
 
 
+class Compensation(Table):
+    """By how much outlines are moved, so that the print has the size of the part."""
+
+    outlines_mm: float = Field(default=0.0, ge=-5, le=5, description="outer outlines move outwards; < 0 inwards")
+    holes_mm: float = Field(default=0.0, ge=-5, le=5, description="holes grow on every side; < 0 shrink")
+    first_layer_mm: float = Field(
+        default=0.0, ge=0, le=5,
+        description="the first layer is drawn in (elephant's foot), but for what is too thin",
+    )
+
+
 class Process(Table):
     """How a part is cut into layers and beads."""
 
@@ -81,6 +92,7 @@ class Process(Table):
     filament_change_layers: list[LayerNumber] = Field(
         default=[], max_length=1000, description="layers before which the filament is changed, counted from 0",
     )
+    compensation: Compensation = Compensation()
     speeds_mm_s: Speeds
     retraction: Retraction
     support: Support = Support()

@@ -17,6 +17,7 @@ from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.process import Process
 from cabslice.slicing.beads import BeadList
+from cabslice.slicing.compensate import compensated
 from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
 from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, layer_heights
@@ -118,8 +119,9 @@ def _run(cutting: Cutting, first: int, end: int) -> list[Layer]:
     planes = heights.plane[around]
     faces = part.faces[(cutting.low <= planes[-1]) & (cutting.high >= planes[0])]
     outlines = (
-        from_rings(points, starts, simplify_mm=process.resolution_mm)
-        for points, starts in cut(part.vertices, faces, planes)
+        compensated(from_rings(points, starts, simplify_mm=process.resolution_mm), process.compensation,
+                    process.bead_mm, first=not k)
+        for k, (points, starts) in enumerate(cut(part.vertices, faces, planes), start=around.start)
     )
     known = Window(first, end, len(heights.top), process.bottom_layers, process.top_layers)
     near = neighbours(outlines, known, COARSE * process.bead_mm)
