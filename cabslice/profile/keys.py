@@ -18,7 +18,8 @@ _UNITS = {  # longest suffix first
     "_c": "degC", "_s": "s",
 }
 _BOUNDS = (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
-_NOUNS = {"number": "a number", "integer": "a whole number", "string": "a text", "object": "a table"}
+_NOUNS = {"number": "a number", "integer": "a whole number", "string": "a text", "object": "a table",
+          "boolean": "true or false"}
 _LEAST = {1: "one", 2: "two"}
 _PLURALS = {"number": "numbers", "integer": "whole numbers", "string": "texts"}
 

@@ -65,6 +65,11 @@ class Process(Table):
     outer_bead_mm: float = Field(gt=0.05, le=20, description="bead width of the outer wall")
     first_bead_mm: float = Field(gt=0.05, le=20, description="bead width in the first layer")
     walls: int = Field(ge=0, le=1000, description="number of walls")
+    outer_wall_first: bool = Field(default=False, description="outer walls are laid before the inner ones beside them")
+    seam: Literal["aligned", "rear", "nearest", "random", "hidden"] = Field(
+        default="aligned",
+        description="where outer walls begin; hidden: in the sharpest concave corner; aligned: over the last or hidden",
+    )
     top_layers: int = Field(ge=0, le=10000, description="solid layers under every top surface")
     bottom_layers: int = Field(ge=0, le=10000, description="solid layers over every bottom surface")
     infill: float = Field(ge=0, le=1, description="share of the inside that is filled")

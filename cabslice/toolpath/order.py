@@ -91,7 +91,8 @@ def _rest(rows: dict[str, Array], *, first: bool) -> int:
 def _draw(layer: Layer, nozzle: _Nozzle, process: Process) -> tuple[Drawn, Array]:
     position = np.zeros(2) if nozzle.xyz is None else nozzle.xyz[:2]
     drawn, seams = draw_layer(
-        layer.beads, position, nozzle.seams, bead_mm=process.bead_mm, tolerance_mm=process.resolution_mm
+        layer.beads, position, nozzle.seams, bead_mm=process.bead_mm, tolerance_mm=process.resolution_mm,
+        seam=process.seam, outer_first=process.outer_wall_first, layer=layer.index,
     )
     return drawn, seams if len(seams) else nozzle.seams
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.slicing.layer import Beads, Role
+from cabslice.toolpath.seams import Seam, seam_places
 
 STAGE = np.ones(len(Role), np.int64)                       # infill of every kind
 STAGE[[Role.OUTER_WALL, Role.INNER_WALL, Role.OVERHANG_WALL]] = 0
 STAGE[Role.IRONING] = 2
-ARM_WIDTHS, REACH_WIDTHS = 1.0, 2.5                        # seam corners are judged and kept over so many bead widths
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,19 @@ class Drawn:
 
 @dataclass(frozen=True)
 class _Stops:
-    """Per line: where it begins as a ring (first, part), its depth inside its stop, its stop; per stop: begin, end."""
+    """Per line: where it begins as a ring (first, part), its rank inside its stop, its stop; per stop: begin, end."""
 
     first: Array
     part: Array
-    depth: Array
+    rank: Array
     stop: Array
     begin: Array
     end: Array
 
 
 def draw_layer(
-    beads: Beads, position: Array, earlier: Array, *, bead_mm: float, tolerance_mm: float
+    beads: Beads, position: Array, earlier: Array, *, bead_mm: float, tolerance_mm: float,
+    seam: Seam = "aligned", outer_first: bool = False, layer: int = 0,
 ) -> tuple[Drawn, Array]:
     """The beads in drawing order from `position` (2,) mm, and the seams (S, 2) mm of this layer's outer walls.
 
@@ -54,11 +55,13 @@ def draw_layer(
     """
     from cabslice.toolpath.lines import draw
 
-    stops, seams = _find_stops(beads, position, earlier, bead_mm)
+    outer = np.flatnonzero(beads.closed & (beads.role == Role.OUTER_WALL))
+    places = seam_places(beads, outer, seam, position=position, earlier=earlier, bead_mm=bead_mm, layer=layer)
+    stops = _find_stops(beads, position, outer, places, bead_mm, outer_first=outer_first)
     entered = _tour(beads, stops, np.asarray(position, np.float64))
     rank, back = np.empty(len(beads.role), np.int64), np.zeros(len(beads.role), np.bool_)
     rank[entered >> 1], back[entered >> 1] = np.arange(len(entered)), entered % 2 == 1
-    lines = np.lexsort((-stops.depth, rank[stops.stop]))
+    lines = np.lexsort((stops.rank, rank[stops.stop]))
     points, width, starts = draw(
         beads.points, beads.width, beads.starts, beads.closed,
         lines, stops.first[lines], stops.part[lines], back[lines], tolerance_mm,
@@ -66,17 +69,19 @@ def draw_layer(
     full = np.flatnonzero(np.diff(starts))
     points, width = points[: starts[-1]].copy(), width[: starts[-1]].copy()
     starts = np.append(starts[full], starts[-1])
-    return Drawn(points, width, starts, beads.role[lines[full]], beads.island[lines[full]]), seams
+    drawn = Drawn(points, width, starts, beads.role[lines[full]], beads.island[lines[full]])
+    return drawn, _places(beads, outer, *places)
 
 
-def _find_stops(beads: Beads, position: Array, earlier: Array, bead_mm: float) -> tuple[_Stops, Array]:
-    from cabslice.toolpath.rings import seams, starts_beside
+def _find_stops(
+    beads: Beads, position: Array, outer: Array, places: tuple[Array, Array], bead_mm: float, *, outer_first: bool
+) -> _Stops:
+    """`outer` (O,) are the closed outer walls, and `places` where they begin."""
+    from cabslice.toolpath.rings import starts_beside
 
     count = len(beads.role)
     first, part, depth, stop = np.zeros(count, np.int64), np.zeros(count), np.zeros(count), np.arange(count)
-    outer = np.flatnonzero(beads.closed & (beads.role == Role.OUTER_WALL))
-    arm, reach = ARM_WIDTHS * bead_mm, REACH_WIDTHS * bead_mm
-    first[outer], part[outer] = seams(beads.points, beads.starts, outer, earlier, arm, reach)
+    first[outer], part[outer] = places
     begin, end = beads.points[beads.starts[:-1]], beads.points[beads.starts[1:] - 1]
     begin[outer] = _places(beads, outer, first[outer], part[outer])
     rings = np.flatnonzero(beads.closed & (beads.role != Role.OUTER_WALL))
@@ -88,10 +93,13 @@ def _find_stops(beads: Beads, position: Array, earlier: Array, bead_mm: float) -
         joined = (host >= 0) & (gap <= 3 * depth[rings] + bead_mm)
         stop[rings[joined]] = host[joined]
     end[beads.closed] = begin[beads.closed]
-    order = np.lexsort((-depth, stop))
-    heads = order[np.unique(stop[order], return_index=True)[1]]     # the line each stop begins with
-    begin[stop[heads]] = begin[heads]
-    return _Stops(first, part, depth, stop, begin, end), end[outer]
+    inward = depth if outer_first else -depth
+    order = np.lexsort((inward, stop))
+    cuts = np.unique(stop[order], return_index=True)[1]
+    heads, tails = order[cuts], order[np.append(cuts[1:], count) - 1]     # the lines each stop begins and ends with
+    at_head, at_tail = begin[heads], end[tails]
+    begin[stop[heads]], end[stop[tails]] = at_head, at_tail
+    return _Stops(first, part, inward, stop, begin, end)
 
 
 def _inner_hosts(beads: Beads, rings: Array, outer: Array) -> tuple[Array, Array]:
