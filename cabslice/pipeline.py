@@ -33,6 +33,7 @@ from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
 from cabslice.robot.model import Robot, robot_from_printer
 from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.sections import NO_MODIFIERS, Modifiers
 from cabslice.store import Laid, Origin, Planned, Product, Sliced
 from cabslice.toolpath.path import Toolpath
 from cabslice.toolpath.summary import summary
@@ -71,6 +72,7 @@ class Placed:
 
     origin: Origin
     part: Part
+    modifiers: Modifiers = NO_MODIFIERS
 
 
 def compiled_before() -> bool:
@@ -142,19 +144,27 @@ def _json(model: Printer | Material | Process) -> str:
 
 # ---- stages
 
-def read(path: str | Path, profiles: Profiles, placement: Placement) -> Placed:
-    """A mesh file, mended and placed on the bed. Raises ModelError."""
+def read(
+    path: str | Path, profiles: Profiles, placement: Placement, *,
+    blockers: Sequence[str] = (), enforcers: Sequence[str] = (),
+) -> Placed:
+    """A mesh file, mended and placed on the bed, and meshes that say where it gets support. Raises ModelError."""
     from cabslice.mesh.load import load_mesh
-    from cabslice.mesh.place import place
+    from cabslice.mesh.place import place_with
 
-    part = load_mesh(path, unit=placement.unit, scale=placement.scale)
-    part = place(part, turn_deg=placement.turn_deg, at_mm=placement.at_mm)
+    if (blockers or enforcers) and profiles.process.support.kind == "none":
+        raise UsageError("--support-blocker and --support-enforcer are for a part with support: -s support.kind=...")
+    paths = (path, *blockers, *enforcers)
+    part, *others = (load_mesh(one, unit=placement.unit, scale=placement.scale) for one in paths)
+    kinds = ["support blocker"] * len(blockers) + ["support enforcer"] * len(enforcers)
     origin = Origin(
         part.name, part.sha256, part.repairs, part.warnings,
         placement.unit, float(placement.scale), tuple(placement.turn_deg), placement.at_mm,
         _json(profiles.printer), _json(profiles.material), _json(profiles.process),
+        tuple(f"{kind} {one.name} sha256:{one.sha256}" for kind, one in zip(kinds, others, strict=True)),
     )
-    return Placed(origin, part)
+    part, *others = place_with(part, others, turn_deg=placement.turn_deg, at_mm=placement.at_mm)
+    return Placed(origin, part, Modifiers(others[:len(blockers)], others[len(blockers):]))
 
 
 def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
@@ -428,7 +438,8 @@ def numbers_of(product: Laid | Planned, period_s: float | None = None) -> dict[s
 
 
 def placement_of(origin: Origin) -> dict[str, Any]:
-    return {"unit": origin.unit, "scale": origin.scale, "turn_deg": origin.turn_deg, "at_mm": origin.at_mm}
+    place = {"unit": origin.unit, "scale": origin.scale, "turn_deg": origin.turn_deg, "at_mm": origin.at_mm}
+    return place | ({"modifiers": origin.modifiers} if origin.modifiers else {})
 
 
 def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
@@ -447,7 +458,9 @@ def _cut(placed: Placed, progress: Progress, jobs: int) -> Iterator[Layer]:
     assert profiles.printer.nozzle
     nozzle = profiles.printer.nozzle.diameter_mm
     tick = partial(progress, "slice")
-    return slice_part(placed.part, profiles.process, nozzle_mm=nozzle, progress=tick, jobs=jobs)
+    return slice_part(
+        placed.part, profiles.process, nozzle_mm=nozzle, progress=tick, jobs=jobs, modifiers=placed.modifiers
+    )
 
 
 def _only(product: Any, cls: type, stage: str) -> Any:

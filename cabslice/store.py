@@ -55,6 +55,7 @@ class Origin:
     printer: str
     material: str
     process: str
+    modifiers: tuple[str, ...] = ()            # support blockers and enforcers: what, file name, sha256
 
 
 @dataclasses.dataclass(frozen=True)

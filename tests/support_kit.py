@@ -10,8 +10,8 @@ from slicing_kit import Mesh, joined, prism, process, shape_of
 
 from cabslice.profile.stand import Support
 from cabslice.slicing.layer import Role
+from cabslice.slicing.sections import Modifiers
 from cabslice.slicing.slicer import slice_part
-from cabslice.slicing.support import Modifiers
 
 SUPPORT = (Role.SUPPORT, Role.SUPPORT_INTERFACE)
 
@@ -74,3 +74,12 @@ def leaning(angle_deg, height=6.0):
     flat = prism(profile, 0.0, 8.0)                     # drawn in x and z, pushed along y
     x, z, y = flat.vertices.T
     return Mesh(np.column_stack((x, y, z)), flat.faces[:, ::-1], "leaning")
+
+
+def write_stl(path, mesh):
+    """A binary STL of a mesh."""
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
+    rows = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    rows["corners"] = corners
+    path.write_bytes(bytes(80) + np.uint32(len(rows)).tobytes() + rows.tobytes())
+    return path

@@ -11,7 +11,7 @@ from cabslice.cli.report import Talk
 
 @click.command("inspect")
 @click.argument("file")
-@options.placing
+@options.place_only
 @click.option("--png", metavar="PICTURE", help="Draw path, speed and tensions (.gcode .path .plan .stream .csv).")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @options.talk

@@ -28,10 +28,13 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed |
     profiles = pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
     if Path(file).suffix.lower() in pipeline.GCODE:
         if placing.given:
-            raise UsageError(f"{file} is G-code: --unit, --scale, --turn and --at are for the part; slice it again.")
+            raise UsageError(
+                f"{file} is G-code: --unit, --scale, --turn, --at and --support-... are for the part; slice it again."
+            )
         start: Any = pipeline.read_gcode(file, profiles)
     else:
-        start = pipeline.read(file, profiles, pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at))
+        place = pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at)
+        start = pipeline.read(file, profiles, place, blockers=placing.blockers, enforcers=placing.enforcers)
     tell_profiles(start.origin, talk)
     tell_first_run(talk)
     for sentence in (*start.origin.repairs, *start.origin.warnings):

@@ -114,13 +114,15 @@ class Placing:
     scale: float
     turn: tuple[float, ...]
     at: tuple[float, ...] | None
+    blockers: tuple[str, ...] = ()
+    enforcers: tuple[str, ...] = ()
 
     @property
     def given(self) -> bool:
         return self != Placing("mm", 1.0, (0.0, 0.0, 0.0), None)
 
 
-placing = _gather("placing", Placing, {
+_PLACE = {
     "unit": click.option("--unit", type=click.Choice(["mm", "cm", "m", "inch", "ft"]), default="mm",
                          show_default=True, help="Unit of the model's numbers (3MF carries its own)."),
     "scale": click.option("--scale", type=click.FloatRange(0, min_open=True), default=1.0,
@@ -129,6 +131,13 @@ placing = _gather("placing", Placing, {
                          help="Turn about x, then y, then z, degrees."),
     "at": click.option("--at", type=Numbers("x", "y"),
                        help="Where the part's middle stands on the bed, mm; default: the bed's middle."),
+}
+place_only = _gather("placing", Placing, _PLACE)
+placing = _gather("placing", Placing, _PLACE | {
+    "blockers": click.option("--support-blocker", "blockers", multiple=True, metavar="MESH",
+                             help="No support for overhangs inside this, drawn beside the part. Repeatable."),
+    "enforcers": click.option("--support-enforcer", "enforcers", multiple=True, metavar="MESH",
+                              help="Support for every overhang inside this, however steep. Repeatable."),
 })
 
 

@@ -16,11 +16,18 @@ def place(part: Part, *, turn_deg: Sequence[float] = (0, 0, 0), at_mm: Sequence[
 
     Without at_mm it stands in the middle of the bed.
     """
-    vertices = part.vertices @ turn_matrix(turn_deg).T if any(turn_deg) else part.vertices
-    low, high = vertices.min(0), vertices.max(0)
+    return place_with(part, (), turn_deg=turn_deg, at_mm=at_mm)[0]
+
+
+def place_with(
+    part: Part, others: Sequence[Part], *, turn_deg: Sequence[float] = (0, 0, 0), at_mm: Sequence[float] | None = None
+) -> list[Part]:
+    """`place`, and the others moved in the same way: what was drawn around the part stays where it is around it."""
+    turned = [one.vertices @ turn_matrix(turn_deg).T if any(turn_deg) else one.vertices for one in (part, *others)]
+    low, high = turned[0].min(0), turned[0].max(0)
     target = np.array([0.0, 0.0] if at_mm is None else at_mm, dtype=np.float64)
     shift = np.array([*(target - (low + high)[:2] / 2), -low[2]])
-    return replace(part, vertices=vertices + shift)
+    return [replace(one, vertices=points + shift) for one, points in zip((part, *others), turned, strict=True)]
 
 
 def turn_matrix(turn_deg: Sequence[float]) -> Array:

@@ -9,7 +9,8 @@ L planes, F triangles, S segments of a block of planes, V vertices.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
@@ -29,6 +30,17 @@ class Solid(Protocol):
     def faces(self) -> Array: ...
     @property
     def name(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Modifiers:
+    """Meshes beside the part, in its coordinates: where there must be no support, and where there must be."""
+
+    blockers: Sequence[Solid] = ()
+    enforcers: Sequence[Solid] = ()
+
+
+NO_MODIFIERS = Modifiers()
 
 
 def cut(vertices: Array, faces: Array, planes: Array) -> Iterator[tuple[Array, Array]]:

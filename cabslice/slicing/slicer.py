@@ -25,9 +25,9 @@ from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
 from cabslice.slicing.patterns import Sparse
 from cabslice.slicing.region import Region, from_rings, to_polygons
-from cabslice.slicing.sections import Solid, cut
+from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
 from cabslice.slicing.stand import with_stand
-from cabslice.slicing.support import NO_MODIFIERS, Modifiers, plan_support
+from cabslice.slicing.support import plan_support
 from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
 from cabslice.slicing.thin import Strips, segment_widths, strip_area, thin_lines
 from cabslice.slicing.walls import Inside, walls

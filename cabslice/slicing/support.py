@@ -17,7 +17,7 @@ from cabslice.profile.stand import Support
 from cabslice.slicing.heights import Heights
 from cabslice.slicing.overhang import COARSE, Marks, overhangs
 from cabslice.slicing.region import Region, difference, from_rings, intersection, offset, opening, union
-from cabslice.slicing.sections import Solid, cut
+from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
 
 EXACT = 1e-6     # mm: heights nearer than this are one
 DETAIL = 0.01    # mm: outlines are simplified by this before support is looked for
@@ -29,17 +29,6 @@ class Standing:
 
     region: Region
     interface: Region
-
-
-@dataclass(frozen=True)
-class Modifiers:
-    """Meshes beside the part, in its coordinates: where there must be no support, and where there must be."""
-
-    blockers: Sequence[Solid] = ()
-    enforcers: Sequence[Solid] = ()
-
-
-NO_MODIFIERS = Modifiers()
 
 
 def plan_support(
