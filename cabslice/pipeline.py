@@ -75,13 +75,6 @@ class Placed:
     modifiers: Modifiers = NO_MODIFIERS
 
 
-def compiled_before() -> bool:
-    """Whether the planner was compiled on this machine: numba keeps it beside the code, or in the user's cache."""
-    from cabslice.timing import kernel
-
-    return any(Path(kernel.compiled_to()).glob("kernel._solve-*.nbi"))
-
-
 # ---- profiles
 
 def load_profiles(printer: str, material: str | None, process: str | None, sets: Sequence[str] = ()) -> Profiles:

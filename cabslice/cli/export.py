@@ -38,7 +38,7 @@ def export(
     from cabslice.cli import tables
     from cabslice.cli.job import begin, summary
 
-    product = begin(file, machine, placing, talk)
+    product = begin(file, machine, placing, talk, planning=True)
     pipeline.refuse_format(target.format, product.origin)
     with talk.progress() as tick:
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs, from_layer=playing.from_layer)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cabslice.cli import first_run
 from cabslice.cli.options import Machine, Placing
 from cabslice.cli.report import Talk
 from cabslice.errors import ModelError, UsageError
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from cabslice.store import Product
 
 
-def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed | Product:
+def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning: bool = False) -> Placed | Product:
     """Read a part or an earlier product; say on stderr which profiles are used and what was mended."""
     from cabslice import pipeline, store
 
@@ -23,7 +24,7 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed |
     if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
         product: Any = _adapted(store.load(file)[1], file, machine, placing)
         tell_profiles(product.origin, talk)
-        tell_first_run(talk)
+        first_run.prepare(product.origin, talk, planning=planning)
         return product
     profiles = pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
     if Path(file).suffix.lower() in pipeline.GCODE:
@@ -36,18 +37,10 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk) -> Placed |
         place = pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at)
         start = pipeline.read(file, profiles, place, blockers=placing.blockers, enforcers=placing.enforcers)
     tell_profiles(start.origin, talk)
-    tell_first_run(talk)
+    first_run.prepare(start.origin, talk, planning=planning)
     for sentence in (*start.origin.repairs, *start.origin.warnings):
         talk.say(sentence if sentence.startswith(start.origin.part) else f"{start.origin.part}: {sentence}")
     return start
-
-
-def tell_first_run(talk: Talk) -> None:
-    """The inner loops are compiled at their first use and kept: say so, or the first run looks stuck."""
-    from cabslice import pipeline
-
-    if not pipeline.compiled_before():
-        talk.say("First run on this machine: the inner loops are compiled once and kept, which can take a minute.")
 
 
 def printer_name(given: str | None) -> str:

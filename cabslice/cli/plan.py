@@ -27,7 +27,7 @@ def plan(file: str, machine: Machine, placing: Placing, engine: str, jobs: int, 
     from cabslice.cli import tables
     from cabslice.cli.job import begin, summary
 
-    product = begin(file, machine, placing, talk)
+    product = begin(file, machine, placing, talk, planning=True)
     with talk.progress() as tick:
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
     found = pipeline.numbers_of(planned)
