@@ -74,25 +74,10 @@ class Unfinished:
                 _exists(path)
         self.parts = [path.with_name(f".{path.name}.part") for path in self.paths]
         self.journal_path = self.paths[0].with_name(f".{self.paths[0].name}.journal")
-        self.journal = self._locked()
+        self.journal = locked(self.journal_path, str(self.paths[0]))
         self.files: list[BinaryIO] = []
         self.sinks: list[_Sink] = []
         self.ends = [0] * len(self.paths)
-
-    def _locked(self) -> _Sink:
-        """The journal, ours alone."""
-        name = str(self.paths[0])
-        try:
-            file = open(self.journal_path, "a+b", buffering=0)      # noqa: SIM115
-        except OSError as error:
-            if not self.journal_path.parent.is_dir():
-                sentence = f"{name}: the folder {self.journal_path.parent} does not exist; make it first."
-                raise OutputError(sentence, file=name) from error
-            _refuse(name, error)
-        if not _lock(file) or not _is_at(file, self.journal_path):
-            file.close()
-            raise OutputError(f"{name} is being written by another run; let it end, or stop it first.", file=name)
-        return _Sink(file, name)
 
     def __enter__(self) -> Unfinished:
         return self
@@ -183,6 +168,21 @@ class Unfinished:
                 with suppress(OSError):
                     path.unlink(missing_ok=True)
         self.journal.close()
+
+
+def locked(path: Path, name: str) -> _Sink:
+    """A journal to read and append to, ours alone until we end. Raises OutputError, which speaks of `name`."""
+    try:
+        file = open(path, "a+b", buffering=0)      # noqa: SIM115
+    except OSError as error:
+        if not path.parent.is_dir():
+            sentence = f"{name}: the folder {path.parent} does not exist; make it first."
+            raise OutputError(sentence, file=name) from error
+        _refuse(name, error)
+    if not _lock(file) or not _is_at(file, path):
+        file.close()
+        raise OutputError(f"{name} is being written by another run; let it end, or stop it first.", file=name)
+    return _Sink(file, name)
 
 
 def _parsed(line: bytes) -> dict[str, Any]:

@@ -23,7 +23,7 @@ FLOORS = {
 GROUND = {"errors", "arrays", "files"}  # anyone may use these, also rooms of the ground floor
 DOORWAYS = {
     "trimesh": "mesh", "manifold3d": "slicing", "toppra": "timing", "shapely": "feasibility", "matplotlib": "view",
-    "click": "cli", "rich": "cli",
+    "click": "cli", "rich": "cli", "dask": "batch", "distributed": "batch",
 }
 
 

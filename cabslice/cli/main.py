@@ -22,6 +22,7 @@ COMMANDS = {
         "slice": "cut a part into layers and lay the path of the nozzle",
         "plan": "find how fast the robot may follow the path",
         "export": "write the motor file (from a part: does everything before it)",
+        "batch": "motor files of many parts for one printer or several, with one manifest",
         "convert": "write a motor file in another format",
     },
     "Ask": {

@@ -53,6 +53,13 @@ class Format:
         """Raises UsageError where a stream of such a header (cables, encoder) cannot be written, whatever its rows."""
         getattr(self._module(), "refuse", lambda header: None)(header)
 
+    def files(self, path: Path) -> list[Path]:
+        """All files that are written for `path`, which is the first."""
+        from cabslice.motors.formats import table
+
+        found = getattr(self._module(), "TABLE", None)
+        return [path] if found is None else table.paths(found, path)
+
     def _module(self) -> Any:
         return importlib.import_module(f"cabslice.motors.formats.{self.about.module}")
 
