@@ -14,6 +14,7 @@ from cli_cases import COARSE, PRINTER, SETS, answered, run, write_box
 import cabslice
 from cabslice.batch import jobs as asked
 from cabslice.batch import local, manifest
+from cabslice.batch import make as make_py
 from cabslice.errors import ProfileError, UsageError
 from cabslice.motors import formats
 
@@ -80,7 +81,7 @@ def test_a_batch_does_not_replace_unless_told(alone, capsys):
 
 
 def test_resume_makes_only_what_is_not_there(alone, tmp_path, monkeypatch):
-    """A part that changed, a file that was hurt and one that is gone are made again; the rest, refusals too, is kept."""
+    """A part that changed, hurt or gone is made again; the rest, refusals too, is kept."""
     _, parts = alone
     words = ["batch", *parts, *PRINTER, *SETS, "-o", tmp_path / "out", "-q", "--resume"]
     assert run(*words, "-j", 1) == 3
@@ -98,8 +99,7 @@ def test_resume_makes_only_what_is_not_there(alone, tmp_path, monkeypatch):
     assert made == ["box001", "box002"]
     assert bytes_of(tmp_path / "out") == whole
     asked_for = []
-    monkeypatch.setattr(local, "make", lambda job, *more: asked_for.append(job.name) or ({
-        "name": job.name, "part": {"file": ""}, "printer": "", "verdict": "failed", "exit_code": 1, "sentence": ""}, ""))
+    monkeypatch.setattr(local, "make", lambda job, *more: asked_for.append(job.name) or (make_py.failed(job, ""), ""))
     assert run(*words, "-s", "walls=2", "-j", 1) == 1
     assert len(asked_for) == 4, "another setting makes other jobs"
 
@@ -138,10 +138,10 @@ def test_two_batches_do_not_write_one_folder(tmp_path):
 
 def test_every_part_for_every_printer_and_what_is_impossible(tmp_path, capsys):
     """A box beside the bed is refused by one robot, with the reason; the other part is made for both."""
-    (tmp_path / "jobs.toml").write_text("""
+    (tmp_path / "jobs.toml").write_text(f"""
         [defaults]
         printers = ["cabfab-optim", "cabfab-init-x"]
-        set = [%s]
+        set = {json.dumps(COARSE)}
         format = "csp"
 
         [[job]]
@@ -156,7 +156,7 @@ def test_every_part_for_every_printer_and_what_is_impossible(tmp_path, capsys):
         [[job]]
         part = "none.stl"
         printers = ["no-such-printer"]
-    """ % ", ".join(f'"{row}"' for row in COARSE))
+    """)
     write_box(tmp_path / "box.stl", (4.0, 4.0, 0.6))
     code, told = answered(capsys, "batch", tmp_path / "jobs.toml", "-o", tmp_path / "out", "-j", 1)
     assert (code, told["exit_code"], told["ok"]) == (4, 4, False)
@@ -170,8 +170,10 @@ def test_every_part_for_every_printer_and_what_is_impossible(tmp_path, capsys):
 
 @pytest.mark.parametrize(("text", "wanted"), [
     ("[[job]]\npart = 'a.stl'\nprinter = 'x'\n", "line 3): unknown key; did you mean printers?"),
-    ("[[job]]\nscale = -1\n", "job.part"), ("[[job]]\npart = 'a.stl'\nscale = -1\n", "job.scale (line 3): Input should"),
-    ("[defaults]\nscale = 2\n", "expected [[job]] tables"), ("jobs = 1\n", "jobs: unknown key"), ("[[job", "is no TOML"),
+    ("[[job]]\nscale = -1\n", "job.part"),
+    ("[[job]]\npart = 'a.stl'\nscale = -1\n", "job.scale (line 3): Input should"),
+    ("[defaults]\nscale = 2\n", "expected [[job]] tables"),
+    ("jobs = 1\n", "jobs: unknown key"), ("[[job", "is no TOML"),
     ("[defaults]\npart = 'a'\n[[job]]\npart = 'a.stl'\n", "defaults.part (line 2): unknown key"),
 ])
 def test_a_wrong_jobs_file_names_key_and_line(tmp_path, text, wanted):
@@ -248,7 +250,8 @@ def dask(tmp_path):
     start("distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
     wait_for(file.exists, started[0])
     address = json.loads(file.read_text())["address"]
-    yield address, lambda: start("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    alone = "--nthreads", "1", "--no-nanny", "--no-dashboard"
+    yield address, lambda: start("distributed.cli.dask_worker", address, *alone)
     for process in started:
         process.kill()
         process.wait()
