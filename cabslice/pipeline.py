@@ -67,6 +67,15 @@ class Placement:
 
 
 @dataclass(frozen=True)
+class Foreign:
+    """How another slicer's G-code is taken: what does not fit, the filament it is for, the middle of its bed."""
+
+    mismatch: str = "refuse"                        # or "convert", "ignore": see toolpath.gcode_fit
+    filament_mm: float | None = None
+    origin_mm: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Placed:
     """A part on the bed and what it will be made with: the start of the chain, not stored."""
 
@@ -160,14 +169,22 @@ def read(
     return Placed(origin, part, Modifiers(others[:len(blockers)], others[len(blockers):]))
 
 
-def read_gcode(path: str | Path, profiles: Profiles) -> Laid:
+def read_gcode(path: str | Path, profiles: Profiles, foreign: Foreign | None = None) -> Laid:
     """The path in another slicer's G-code, with the profiles it will be made with. Raises GcodeError."""
     from cabslice.toolpath.events import with_stops
+    from cabslice.toolpath.gcode_fit import fitted
     from cabslice.toolpath.gcode_read import read_gcode as read_file
 
+    foreign = foreign or Foreign()
     assert profiles.printer.extruder is not None
-    filament = profiles.printer.extruder.filament_diameter_mm
-    reading = read_file(Path(path), filament_diameter_mm=filament)
+    assert profiles.printer.nozzle is not None
+    filament, nozzle = profiles.printer.extruder.filament_diameter_mm, profiles.printer.nozzle.diameter_mm
+    reading = read_file(
+        Path(path), origin=foreign.origin_mm, filament_diameter_mm=foreign.filament_mm, usual_filament_mm=filament
+    )
+    reading = fitted(
+        reading, filament_mm=filament, nozzle_mm=nozzle, mismatch=foreign.mismatch, name=Path(path).name
+    )
     origin = Origin(
         Path(path).name, hashlib.sha256(Path(path).read_bytes()).hexdigest(), (), reading.warnings,
         "mm", 1.0, (0.0, 0.0, 0.0), None, _json(profiles.printer), _json(profiles.material), _json(profiles.process),

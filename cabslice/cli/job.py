@@ -15,24 +15,31 @@ if TYPE_CHECKING:
     from cabslice.store import Product
 
 
+OF_GCODE = {"corner_mm", "pause_layers", "filament_change_layers", "max_flow_mm3_s", "density_g_cm3", "price_per_kg"}
+
+
 def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning: bool = False) -> Placed | Product:
     """Read a part or an earlier product; say on stderr which profiles are used and what was mended."""
     from cabslice import pipeline, store
 
     if not Path(file).is_file():
         raise ModelError(f"{file}: there is no such file.", file=file)
+    gcode = Path(file).suffix.lower() in pipeline.GCODE
+    if placing.foreign.given and not gcode:
+        raise UsageError(f"{file} is no G-code: --mismatch, --gcode-filament-mm and --gcode-origin are for G-code.")
     if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
         product: Any = _adapted(store.load(file)[1], file, machine, placing)
         tell_profiles(product.origin, talk)
         first_run.prepare(product.origin, talk, planning=planning)
         return product
     profiles = pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
-    if Path(file).suffix.lower() in pipeline.GCODE:
+    if gcode:
         if placing.given:
             raise UsageError(
                 f"{file} is G-code: --unit, --scale, --turn, --at and --support-... are for the part; slice it again."
             )
-        start: Any = pipeline.read_gcode(file, profiles)
+        _refuse_idle(file, machine)
+        start: Any = pipeline.read_gcode(file, profiles, pipeline.Foreign(**vars(placing.foreign)))
     else:
         place = pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at)
         start = pipeline.read(file, profiles, place, blockers=placing.blockers, enforcers=placing.enforcers)
@@ -41,6 +48,20 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning
     for sentence in (*start.origin.repairs, *start.origin.warnings):
         talk.say(sentence if sentence.startswith(start.origin.part) else f"{start.origin.part}: {sentence}")
     return start
+
+
+def _refuse_idle(file: str, machine: Machine) -> None:
+    """UsageError where a setting is asked for that another slicer's G-code has settled already."""
+    from cabslice.profile import shelf
+
+    _, *settled = shelf.split_sets(machine.sets)
+    idle = [one.partition("=")[0].strip() for sets in settled for one in sets]
+    idle = [key for key in idle if key not in OF_GCODE]
+    if idle:
+        raise UsageError(
+            f"{file} is G-code, which {', '.join(idle)} cannot change any more: slice the part again. "
+            f"Of process and material only these count here: {', '.join(sorted(OF_GCODE))}."
+        )
 
 
 def printer_name(given: str | None) -> str:

@@ -109,6 +109,19 @@ machine = _gather("machine", _machine, {
 
 
 @dataclass(frozen=True)
+class Foreign:
+    """How the G-code of another slicer is taken."""
+
+    mismatch: str = "refuse"
+    filament_mm: float | None = None
+    origin_mm: tuple[float, float] | None = None
+
+    @property
+    def given(self) -> bool:
+        return self != Foreign()
+
+
+@dataclass(frozen=True)
 class Placing:
     unit: str
     scale: float
@@ -116,13 +129,14 @@ class Placing:
     at: tuple[float, ...] | None
     blockers: tuple[str, ...] = ()
     enforcers: tuple[str, ...] = ()
+    foreign: Foreign = Foreign()
 
     @property
     def given(self) -> bool:
-        return self != Placing("mm", 1.0, (0.0, 0.0, 0.0), None)
+        return replace(self, foreign=Foreign()) != Placing("mm", 1.0, (0.0, 0.0, 0.0), None)
 
 
-_PLACE = {
+_PLACE: dict[str, Decorator] = {
     "unit": click.option("--unit", type=click.Choice(["mm", "cm", "m", "inch", "ft"]), default="mm",
                          show_default=True, help="Unit of the model's numbers (3MF carries its own)."),
     "scale": click.option("--scale", type=click.FloatRange(0, min_open=True), default=1.0,
@@ -132,13 +146,31 @@ _PLACE = {
     "at": click.option("--at", type=Numbers("x", "y"),
                        help="Where the part's middle stands on the bed, mm; default: the bed's middle."),
 }
-place_only = _gather("placing", Placing, _PLACE)
-placing = _gather("placing", Placing, _PLACE | {
+_SUPPORT: dict[str, Decorator] = {
     "blockers": click.option("--support-blocker", "blockers", multiple=True, metavar="MESH",
                              help="No support for overhangs inside this, drawn beside the part. Repeatable."),
     "enforcers": click.option("--support-enforcer", "enforcers", multiple=True, metavar="MESH",
                               help="Support for every overhang inside this, however steep. Repeatable."),
-})
+}
+_FOREIGN: dict[str, Decorator] = {
+    "mismatch": click.option("--mismatch", type=click.Choice(["refuse", "convert", "ignore"]), default="refuse",
+                             show_default=True, help="G-code made for another filament or nozzle than the printer's: "
+                             "refuse it, rescale E to the printer's filament, or take it as it is."),
+    "gcode_filament_mm": click.option("--gcode-filament-mm", type=click.FloatRange(0.1, 20),
+                                      help="Filament the G-code was made for, where it does not say."),
+    "gcode_origin": click.option("--gcode-origin", type=Numbers("x", "y"),
+                                 help="Middle of the bed in the G-code's coordinates; default: as the file says."),
+}
+
+
+def _placing(
+    mismatch: str, gcode_filament_mm: float | None, gcode_origin: tuple[float, float] | None, **placed: Any
+) -> Placing:
+    return Placing(**placed, foreign=Foreign(mismatch, gcode_filament_mm, gcode_origin))
+
+
+place_only = _gather("placing", Placing, _PLACE)
+placing = _gather("placing", _placing, _PLACE | _SUPPORT | _FOREIGN)
 
 
 jobs = click.option("-j", "--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1,

@@ -19,6 +19,7 @@ from cabslice.toolpath.path import EventKind
 CHORD_MM = 0.005   # how far a chord may lie from its arc
 INCH_MM = 25.4
 AXES = "XYZ"
+TOLD = ("filament_diameter", "nozzle_diameter")   # settings that OrcaSlicer's header tells as "name: value"
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,8 @@ class Machine:
         key, colon, value = text.partition(":")
         if colon and alone and key.strip().upper() in TAGS:
             TAGS[key.strip().upper()](self, value.strip())
+        elif colon and alone and key in TOLD:
+            self.settings.setdefault(key, value.strip())
         elif alone and text in ("LAYER_CHANGE", "CHANGE_LAYER"):
             self._next_layer()
         elif alone and text.startswith("printing object "):

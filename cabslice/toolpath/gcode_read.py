@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -28,20 +29,28 @@ SAME_Z = 1e-6   # mm
 
 @dataclass(frozen=True)
 class GcodeReading:
-    """The toolpath of a G-code file, and sentences about what was assumed or left out."""
+    """The toolpath of a G-code file, and sentences about what was assumed or left out.
+
+    line (N,) of the file for each row; sized (N,) whether comments gave the width of its bead; settings: what the
+    slicer wrote down of its own.
+    """
 
     toolpath: Toolpath
     warnings: tuple[str, ...]
+    line: Array
+    sized: Array
+    settings: Mapping[str, str]
 
 
 def read_gcode(
     source: str | Path, *, origin: tuple[float, float] | None = None, filament_diameter_mm: float | None = None,
-    name: str = "G-code",
+    name: str = "G-code", usual_filament_mm: float = USUAL_FILAMENT_MM,
 ) -> GcodeReading:
     """G-code as a toolpath in bed coordinates; `source` is a Path, or the text itself (then `name` is its name).
 
     `origin` (x, y) mm is the middle of the bed in the file's coordinates; where absent it is taken from the bed shape
-    the slicer wrote down, else the middle of what is extruded. Homing, parking and purging without motion before the
+    the slicer wrote down, else the middle of what is extruded. `filament_diameter_mm` is the filament E is meant for,
+    else what the file says, else `usual_filament_mm`. Homing, parking and purging without motion before the
     first and after the last extrusion belong to another machine and are left out. Raises GcodeError with the line.
     """
     if isinstance(source, Path):
@@ -51,11 +60,15 @@ def read_gcode(
         data = source.encode()
     machine = _obey(data, name)
     warnings: list[str] = []
-    path = _assemble(machine, name, origin, filament_diameter_mm, warnings, hashlib.sha256(data).hexdigest())
+    if filament_diameter_mm is None:
+        filament_diameter_mm = _diameter(machine, name, usual_filament_mm, warnings)
+    path, line, sized = _assemble(
+        machine, name, origin, filament_diameter_mm, warnings, hashlib.sha256(data).hexdigest()
+    )
     if machine.unread:
         first = ", ".join(f"{command} (line {line})" for command, line in list(machine.unread.items())[:5])
         warnings.append(f"{name}: {len(machine.unread)} commands were not understood and left out: {first}")
-    return GcodeReading(path, tuple(warnings))
+    return GcodeReading(path, tuple(warnings), line, sized, machine.settings)
 
 
 def _bytes(path: Path) -> bytes:
@@ -79,9 +92,8 @@ def _obey(data: bytes, name: str) -> Machine:
 
 
 def _assemble(
-    machine: Machine, name: str, origin: tuple[float, float] | None, diameter: float | None, warnings: list[str],
-    sha256: str,
-) -> Toolpath:
+    machine: Machine, name: str, origin: tuple[float, float] | None, diameter: float, warnings: list[str], sha256: str,
+) -> tuple[Toolpath, Array, Array]:
     rows = np.frombuffer(machine.rows).reshape(-1, 5) if machine.rows else np.empty((0, 5))
     line, tag_of = np.array(machine.line_of, np.int64), np.array(machine.tag_of, np.int64)
     bad = np.flatnonzero(~np.isfinite(rows).all(1))
@@ -98,16 +110,15 @@ def _assemble(
     laid, filament, xyz = laid[kept], filament[kept].copy(), xyz[kept].copy()
     laid[0], filament[0] = False, 0.0
     layer = tags[:, 1] if machine.layers else _layers_from_z(xyz[:, 2], laid)
-    if diameter is None:
-        diameter = _diameter(machine, name, warnings)
     width, height = _bead_sizes(xyz, filament, laid, tags, layer, np.pi / 4 * diameter**2)
     xyz[:, :2] -= _origin(machine, xyz[laid, :2], name, warnings) if origin is None else origin
     rests = ~moved[kept]
     starts = np.union1d(piece_starts(rests), [b for b in np.array(machine.breaks) + 1 - first if 1 <= b < len(xyz)])
-    return Toolpath(
+    path = Toolpath(
         xyz, filament, width, height, np.append(rows[:1, 4], rows[:, 4])[kept], np.where(laid, tags[:, 0], Role.TRAVEL),
         layer, tags[:, 4], starts, _events(machine, first, last), diameter, f"{name} sha256:{sha256}",
     )
+    return path, np.append(0, line)[kept], tags[:, 2] > 0
 
 
 def _span(laid: Array, own: bool, name: str, warnings: list[str]) -> tuple[int, int]:
@@ -128,13 +139,16 @@ def _layers_from_z(z: Array, laid: Array) -> Array:
     return number[np.minimum(np.searchsorted(rows, np.arange(len(z))), len(rows) - 1)]
 
 
-def _diameter(machine: Machine, name: str, warnings: list[str]) -> float:
+def _diameter(machine: Machine, name: str, usual: float, warnings: list[str]) -> float:
     text = machine.settings.get("filament_diameter", "").split(",")[0]
     try:
-        return float(text)
+        found = float(text)
     except ValueError:
-        warnings.append(f"{name}: does not tell the filament diameter; {USUAL_FILAMENT_MM} mm was taken")
-        return USUAL_FILAMENT_MM
+        found = 0.0
+    if 0 < found < 100:
+        return found
+    warnings.append(f"{name}: does not tell the filament diameter; {usual:g} mm was taken")
+    return usual
 
 
 def _bead_sizes(
@@ -163,13 +177,19 @@ def _origin(machine: Machine, laid: Array, name: str, warnings: list[str]) -> Ar
             return np.array([float(number) for number in own.split(",")])
         if shape:
             corners = np.array([[float(number) for number in corner.split("x")] for corner in shape.split(",")])
-            return (corners.min(0) + corners.max(0)) / 2
+            middle = (corners.min(0) + corners.max(0)) / 2
+            if middle.any():
+                warnings.append(
+                    f"{name}: x {middle[0]:g} y {middle[1]:g} mm, the middle of the slicer's bed, was set on the "
+                    "middle of the bed; --gcode-origin chooses another place"
+                )
+            return middle
     except ValueError:
         warnings.append(f"{name}: the shape of the bed, {own or shape!r}, could not be read")
     middle = (laid.min(0) + laid.max(0)) / 2
     warnings.append(
         f"{name}: does not tell where the middle of the bed is; the middle of what is extruded was taken, "
-        f"x {middle[0]:.3f} y {middle[1]:.3f} mm"
+        f"x {middle[0]:.3f} y {middle[1]:.3f} mm; --gcode-origin says where it is"
     )
     return middle
 
