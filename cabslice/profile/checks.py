@@ -120,3 +120,5 @@ def _process(values: Values) -> Faults:
         for bead in beads:
             if (width := number(values, bead)) < height:
                 yield (bead,), f"expected at least {layer} = {height:g} (a bead is wider than high), found {width:g}"
+    if number(table(values, "brim"), "width_mm") > 0 and number(table(values, "raft"), "layers") > 0:
+        yield ("brim", "width_mm"), "expected 0 with a raft (raft.margin_mm is how far it reaches beyond the part)"

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cabslice.profile.printer import Name, Table
-from cabslice.profile.stand import Support
+from cabslice.profile.stand import Brim, Raft, Support
 
 Speed = Annotated[float, Field(gt=0, le=5000)]
 LayerNumber = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -85,7 +85,10 @@ class Process(Table):
         description="how far infill reaches into the wall, in bead widths",
     )
     skirt_loops: int = Field(default=1, ge=0, le=100, description="loops around the part before the first layer")
-    skirt_gap_mm: float = Field(default=5.0, ge=0, le=1000, description="air between part and skirt")
+    skirt_gap_mm: float = Field(default=5.0, ge=0, le=1000, description="air between what it surrounds and skirt")
+    skirt_layers: int = Field(default=1, ge=1, le=100000, description="layers of the skirt")
+    skirt_min_mm: float = Field(
+        default=0.0, ge=0, le=10000, description="loops are added in the first layer until the skirt is this long")
     resolution_mm: float = Field(default=0.0125, gt=0, le=1, description="outlines are simplified by at most this")
     corner_mm: float = Field(
         default=0.05, gt=0, le=5,
@@ -100,4 +103,6 @@ class Process(Table):
     compensation: Compensation = Compensation()
     speeds_mm_s: Speeds
     retraction: Retraction
+    brim: Brim = Brim()
+    raft: Raft = Raft()
     support: Support = Support()

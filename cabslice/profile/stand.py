@@ -39,3 +39,22 @@ class Support(Table):
     bottom_interface_layers: int = Field(
         default=0, ge=0, le=1000, description="denser layers where support stands on the part")
     interface_density: float = Field(default=0.75, gt=0, le=1, description="share of those layers that is filled")
+
+
+class Brim(Table):
+    """Loops on the bed along the edge of the first layer, and of support, so that it holds."""
+
+    width_mm: float = Field(default=0.0, ge=0, le=500, description="how wide; rounded to whole loops; 0: none")
+    gap_mm: float = Field(default=0.0, ge=0, le=20, description="air between the part and its brim")
+    where: Literal["outside", "holes", "both"] = Field(default="outside", description="along which edges")
+
+
+class Raft(Table):
+    """Layers under the part that it is broken off from; the part, and its support, are lifted by them."""
+
+    layers: int = Field(default=0, ge=0, le=100, description="layers of the raft, the first as high as first_layer_mm")
+    interface_layers: int = Field(default=2, ge=0, le=100, description="how many of them, the topmost, are dense")
+    gap_mm: float = Field(default=0.2, ge=0, le=20, description="air between raft and part")
+    margin_mm: float = Field(default=3.0, ge=0, le=500, description="how far it reaches beyond the part and support")
+    density: float = Field(default=0.4, gt=0, le=1, description="share of its lower layers that is filled")
+    interface_density: float = Field(default=1.0, gt=0, le=1, description="share of its dense layers that is filled")

@@ -16,6 +16,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.process import Process
+from cabslice.slicing.adhesion import hull_below
 from cabslice.slicing.beads import BeadList
 from cabslice.slicing.compensate import compensated
 from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
@@ -75,7 +76,9 @@ def slice_part(
     layers = _part_layers(part, heights, process, nozzle_mm, progress, jobs)
     asked = process.support
     support = plan_support(part, heights, asked, process.bead_mm, modifiers) if asked.kind != "none" else []
-    return with_stand(layers, process, support)
+    tall = process.skirt_loops and process.skirt_layers > 1
+    around = hull_below(part, float(heights.top[:process.skirt_layers][-1])) if tall else None
+    return with_stand(layers, process, support, around)
 
 
 def _part_layers(

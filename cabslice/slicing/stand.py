@@ -1,4 +1,4 @@
-"""What stands beside and under the part, put into its layers as they come: skirt, support.
+"""What stands beside and under the part, put into its layers as they come: skirt, brim, raft, support.
 
 Layers in which nothing stands are handed on as they are.
 """
@@ -6,13 +6,13 @@ Layers in which nothing stands are handed on as they are.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cabslice.profile.process import Process
 from cabslice.profile.stand import Support
-from cabslice.slicing.adhesion import skirt
+from cabslice.slicing.adhesion import brim, raft_height, raft_layers, raft_region, skirt
 from cabslice.slicing.beads import BeadList, beside
 from cabslice.slicing.flow import bead_spacing
 from cabslice.slicing.infill import fixed_lines
@@ -24,27 +24,67 @@ LINK = 1.5       # distances of support lines, along the edge of support, up to 
 HOLD = 0.15      # bead widths by which support lines reach into the loop around them
 
 
-def with_stand(layers: Iterator[Layer], process: Process, support: Sequence[Standing]) -> Iterator[Layer]:
-    """The same layers with skirt and support; `support` has one region per layer, or none at all."""
+def with_stand(
+    layers: Iterator[Layer], process: Process, support: Sequence[Standing], around: Region | None = None
+) -> Iterator[Layer]:
+    """The same layers with skirt, brim and support, over the layers of a raft.
+
+    `support` has one region per layer, or none at all; `around` is what the skirt goes around in more than one layer.
+    """
+    lift = raft_height(process)
     for layer in layers:
-        width = process.bead_mm if layer.index else process.first_bead_mm
-        beads = BeadList()
         if not layer.index:
-            _add_skirt(beads, union([region_of(layer.outline), *(one.region for one in support[:1])]), process, layer)
+            below, loops = _first(layer, process, support[0].region if support else Region(), around)
+            yield from below
+        beads = BeadList()
+        if not process.raft.layers:
+            _add_loops(beads, layer, process, loops)
         if support and not support[layer.index].region.is_empty():
+            width = process.bead_mm if layer.index else process.first_bead_mm
             add_support(beads, support[layer.index], process.support, width, layer.height_mm)
-        yield replace(layer, beads=beside(layer.beads, beads)) if beads else layer
+        made = replace(layer, beads=beside(layer.beads, beads)) if beads else layer
+        yield replace(made, index=made.index + process.raft.layers, z_mm=made.z_mm + lift) if lift else made
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Around the first layer, and around some more."""
+
+    brim: list[Region]
+    skirt: list[Region]
+
+
+def _first(layer: Layer, process: Process, support: Region, around: Region | None) -> tuple[list[Layer], _Loops]:
+    """The layers of the raft, if there is one, and the loops around the first layer on the bed."""
+    width, outline = process.first_bead_mm, region_of(layer.outline)
+    spacing = float(bead_spacing(width, layer.height_mm))
+    raft = raft_region(outline, support, process.raft.margin_mm) if process.raft.layers else Region()
+    rings = brim(outline, support, process.brim, width, spacing)
+    edge = [offset(ring, width / 2) for ring in rings]
+    ground = union([outline, support, raft, *edge, *([around] if around else [])])
+    loops = _Loops(rings, skirt(
+        ground, process.skirt_loops, process.skirt_gap_mm, width, spacing, process.skirt_min_mm,
+    ))
+    below = []
+    for one in raft_layers(raft, process):
+        beads = BeadList()
+        _add_loops(beads, one, process, loops)
+        below.append(replace(one, beads=beside(one.beads, beads)))
+    return below, loops
+
+
+def _add_loops(beads: BeadList, layer: Layer, process: Process, loops: _Loops) -> None:
+    """The skirt of a layer as high as the skirt, and the brim of the first."""
+    width = process.bead_mm if layer.index else process.first_bead_mm
+    if layer.index < process.skirt_layers:
+        for loop in loops.skirt[-process.skirt_loops:] if layer.index else loops.skirt:
+            beads.add_rings(loop, width, Role.SKIRT)
+    for ring in loops.brim if not layer.index else ():
+        beads.add_rings(ring, width, Role.SKIRT)
 
 
 def region_of(outline: Polygons) -> Region:
     return from_rings(outline.points, outline.starts)
-
-
-def _add_skirt(beads: BeadList, outline: Region, process: Process, layer: Layer) -> None:
-    width = process.first_bead_mm
-    spacing = float(bead_spacing(width, layer.height_mm))
-    for loop in skirt(outline, process.skirt_loops, process.skirt_gap_mm, width, spacing):
-        beads.add_rings(loop, width, Role.SKIRT)
 
 
 def add_support(beads: BeadList, standing: Standing, asked: Support, width: float, height: float) -> None:
