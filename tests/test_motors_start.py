@@ -140,6 +140,40 @@ def test_a_home_on_the_bed_is_left_and_a_part_higher_than_it_is_parked_over(heig
     np.testing.assert_allclose(ended.xyz[-1], path.xyz[-1] + [0, 0, path.xyz[:, 2].max() - path.xyz[-1, 2] + 5.0])
 
 
+def with_events(path, *rows):
+    events = [*zip(path.events.index, path.events.kind, path.events.value, strict=True), *rows]
+    return dataclasses.replace(path, events=Events(*np.array(sorted(events, key=lambda row: row[0]), float).T))
+
+
+def test_the_ways_belong_to_no_layer_and_what_a_layer_asks_for_begins_with_it():
+    path = with_events(layered(), (0, EventKind.MIN_LAYER_TIME, 8.0), (0, EventKind.MIN_PRINT_SPEED, 10.0))
+    ended = with_ends(path, ROBOT, START)
+    assert not find_faults(ended)
+    own = ended.object == MACHINE
+    assert set(ended.layer[own]) == {-1, 4}
+    assert set(ended.layer[~own]) == set(path.layer)
+    for kind in (EventKind.MIN_LAYER_TIME, EventKind.MIN_PRINT_SPEED):
+        index = ended.events.index[ended.events.kind == kind]
+        np.testing.assert_array_equal(index, np.flatnonzero(ended.layer == 0)[:1])
+    assert (ended.events.index == 0).sum() == (path.events.index == 0).sum() - 2
+
+
+def test_at_a_pause_there_are_rows_that_stand_still():
+    path = layered()
+    stop = int(path.starts[len(path.starts) // 2])
+    path = with_events(path, (stop, EventKind.PAUSE, 0.0), (stop, EventKind.DWELL, 0.4))
+    ended = with_ends(path, ROBOT, START)
+    assert not find_faults(ended)
+    same(without_ends(ended), path)
+    trajectory = plan(ended, ROBOT, PRINTER, MATERIAL, PROCESS)
+    told = events_of(trajectory, ended, 0.002)
+    row = told["row"][told["kind"].index("pause")]
+    near = sample(trajectory, 0.002 * np.arange(row - 100, row + 100))
+    assert np.ptp(near.poses, axis=0).max() < 1e-9
+    assert not near.rates.any()
+    np.testing.assert_allclose(near.poses[0, :3] - trajectory.to_pose, path.xyz[stop - 1], atol=1e-9)
+
+
 # ---- a print taken up
 
 @given(layer=st.integers(1, 3))

@@ -2,7 +2,9 @@
 
     home            where the nozzle stands with the platform at home      lift    height over a point before going down
     way in          home, [up, across,] over the first point, down to it   way out  up from the last point, across, home
-Rows of the way in and out are travels with `object` MACHINE. They go through check, planning and audit as all others.
+Rows of the way in and out are travels with `object` MACHINE, in a layer of their own before the first and after the
+last one. They go through check, planning and audit as all others. At a pause or a change of filament the nozzle waits
+HOLD_S, so that there are rows in which nothing moves, where a player can stop.
 """
 
 from __future__ import annotations
@@ -21,6 +23,9 @@ from cabslice.toolpath.path import EventKind, Events, Toolpath
 
 MACHINE = -2                   # Toolpath.object of the machine's own moves
 SAME = 1e-6                    # mm
+HOLD_S = 0.1
+LASTING = (EventKind.NOZZLE_TEMPERATURE, EventKind.BED_TEMPERATURE, EventKind.FAN, EventKind.MIN_PRINT_SPEED)
+STOPS = (EventKind.PAUSE, EventKind.FILAMENT_CHANGE)
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer", "object")
 
 
@@ -75,15 +80,36 @@ def _joined(path: Toolpath, inward: Array, outward: Array, speed: float) -> Tool
     rows: dict[str, Any] = {
         "xyz": np.vstack((inward, path.xyz[1:], outward)), "speed": _padded(path.speed, before, after, speed),
         "role": _padded(path.role, before, after, Role.TRAVEL), "object": _padded(path.object, before, after, MACHINE),
-        "layer": np.concatenate((np.repeat(path.layer[:1], before), path.layer, np.repeat(path.layer[-1:], after))),
+        "layer": np.concatenate((np.repeat(path.layer[:1] - 1, before), path.layer,
+                                 np.repeat(path.layer[-1:] + 1, after))),
     }
     rows |= {name: _padded(getattr(path, name), before, after, 0.0) for name in ("filament", "width", "height")}
     rows["object"][: before + 1] = MACHINE
     rows["speed"][: before + 1] = speed
     ends = ([1] if before else []), ([len(rows["xyz"])] if after else [])
-    events = replace(path.events, index=np.where(path.events.index > 0, path.events.index + before, 0))
+    rows["layer"][before] -= before > 0
+    events = _with_holds(_moved(path.events, before))
     starts = np.concatenate((ends[0], path.starts + before, ends[1]))
     return replace(path, **rows, starts=starts, events=events)
+
+
+def _moved(events: Events, before: int) -> Events:
+    """What belongs to a layer begins with it; all else of row 0 happens at home."""
+    own = np.isin(events.kind, (EventKind.MIN_LAYER_TIME, EventKind.MIN_PRINT_SPEED))
+    return _in_order(np.where((events.index > 0) | (own & (before > 0)), events.index.clip(1) + before, 0), events)
+
+
+def _with_holds(events: Events) -> Events:
+    stops = np.unique(events.index[np.isin(events.kind, STOPS)])
+    holds = Events(stops, np.full(len(stops), EventKind.DWELL), np.full(len(stops), HOLD_S))
+    columns = (np.concatenate((getattr(events, name), getattr(holds, name))) for name in ("index", "kind", "value"))
+    found = Events(*columns)
+    return _in_order(found.index, found)
+
+
+def _in_order(index: Array, events: Events) -> Events:
+    order = np.argsort(index, kind="stable")
+    return Events(index[order], events.kind[order], events.value[order])
 
 
 def _padded(column: Array, before: int, after: int, value: float) -> Array:
@@ -124,7 +150,7 @@ def _copied(path: Toolpath, rows: slice) -> dict[str, Any]:
 def _events_from(events: Events, first: int) -> Events:
     """Those at row `first` or later; of those before the last of each kind that lasts, at row 0."""
     before = events.index < first
-    lasting = np.isin(events.kind, (EventKind.NOZZLE_TEMPERATURE, EventKind.BED_TEMPERATURE, EventKind.FAN))
+    lasting = np.isin(events.kind, LASTING)
     earlier = np.flatnonzero(before & lasting)
     last = [int(earlier[events.kind[earlier] == kind][-1]) for kind in np.unique(events.kind[earlier])]
     later = np.flatnonzero(~before)
@@ -152,6 +178,7 @@ def _after(first: Toolpath, second: Toolpath) -> Toolpath:
     columns: dict[str, Any] = {
         name: np.concatenate((getattr(first, name), getattr(second, name)[1:])) for name in COLUMNS
     }
+    columns["layer"] = np.maximum.accumulate(columns["layer"])
     shift = len(first.xyz) - 1
     return replace(first, **columns, starts=np.concatenate((first.starts[:-1], second.starts + shift)),
                    events=Events.none())
@@ -164,7 +191,16 @@ def without_ends(path: Toolpath) -> Toolpath:
     own = np.flatnonzero(path.object != MACHINE)
     first, stop = int(own[0]) - 1, int(own[-1]) + 1
     columns = _copied(path, slice(first, stop))
-    columns["object"][0] = columns["object"][1]
+    columns["object"][0], columns["layer"][0] = columns["object"][1], columns["layer"][1]
     starts = path.starts[(path.starts > first) & (path.starts <= stop)] - first
-    index = np.maximum(path.events.index - first, 0)
-    return replace(path, **columns, starts=starts, events=replace(path.events, index=index))
+    events = _without_holds(path.events)
+    index = np.where(events.index <= first + 1, np.where(events.index, 1, 0), events.index - first)
+    return replace(path, **columns, starts=starts, events=replace(events, index=index))
+
+
+def _without_holds(events: Events) -> Events:
+    """As before _with_holds: of the dwells at a stop the last one goes."""
+    keep = np.ones(len(events.index), np.bool_)
+    for index in np.unique(events.index[np.isin(events.kind, STOPS)]):
+        keep[np.flatnonzero((events.index == index) & (events.kind == EventKind.DWELL))[-1]] = False
+    return Events(events.index[keep], events.kind[keep], events.value[keep])

@@ -5,7 +5,8 @@ Legend
 Columns, as they stand in the header under "events": t_s, row (the first at or after that time), kind, value.
     nozzle_c, bed_c   degC       fan   0..1       retract, prime   mm of filament, at its start; it is in the rows too
     dwell             s, at its start; it is in the rows too
-    pause, min_layer_time_s   as asked for; not in the rows
+    pause, filament_change    the rows stand still here: hold this row until the user goes on
+    min_layer_time_s, min_print_speed_mm_s   as asked for; the rows have what came of it
 What has time 0 must have happened before the first row is played.
 """
 
@@ -23,6 +24,7 @@ from cabslice.toolpath.path import EventKind, Toolpath
 KINDS = {
     EventKind.NOZZLE_TEMPERATURE: "nozzle_c", EventKind.BED_TEMPERATURE: "bed_c", EventKind.FAN: "fan",
     EventKind.DWELL: "dwell", EventKind.PAUSE: "pause", EventKind.MIN_LAYER_TIME: "min_layer_time_s",
+    EventKind.FILAMENT_CHANGE: "filament_change", EventKind.MIN_PRINT_SPEED: "min_print_speed_mm_s",
 }
 HOT = ("nozzle_c", "bed_c", "fan")
 
@@ -39,12 +41,20 @@ def events_of(trajectory: Trajectory, path: Toolpath, period_s: float, *, lead_s
     rows = sorted((*asked, *fed), key=lambda row: row[0])
     times = lead_s + starts_of(trajectory, np.array([row[0] for row in rows], np.int64))
     times = np.where([row[0] == 0 for row in rows], 0.0, times)
-    dwelling = np.array([row[2] if row[1] == "dwell" else 0.0 for row in rows])
-    times = np.maximum(times - dwelling, 0.0)
+    times = np.maximum(times - _rested(rows), 0.0)
     return {
         "t_s": [round(float(t), 6) for t in times], "row": np.ceil(times / period_s - 1e-9).astype(int).tolist(),
         "kind": [row[1] for row in rows], "value": [row[2] for row in rows],
     }
+
+
+def _rested(rows: list[tuple[int, str, float]]) -> Array:
+    """Time (n,) s from an event to its move: a dwell's whole length, half of it for what holds the rows."""
+    spent = {index: 0.0 for index, _, _ in rows}
+    for index, kind, value in rows:
+        spent[index] += value if kind == "dwell" else 0.0
+    share = {"dwell": 1.0, "pause": 0.5, "filament_change": 0.5}
+    return np.array([spent[index] * share.get(kind, 0.0) for index, kind, _ in rows])
 
 
 def starts_of(trajectory: Trajectory, moves: Array) -> Array:
