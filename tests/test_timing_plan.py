@@ -74,7 +74,8 @@ def test_compiled_rules_are_the_array_rules():
     poses, d1, d2 = np.zeros((3, 400, 6))
     poses[:, :3] = rng.uniform(-150, 150, (400, 3)) - [0, 0, 150]
     d1[:, :3], d2[:, :3] = rng.normal(size=(2, 400, 3))
-    nodes, limits = Nodes(poses, d1, d2, rng.uniform(0, 0.1, 400)), limits_of(PRINTER, MATERIAL)
+    nodes = Nodes(poses, d1, d2, rng.uniform(0, 0.1, 400), rng.uniform(1e3, 1e5, 400))
+    limits = limits_of(PRINTER, MATERIAL)
     u, x = rng.uniform(-3e4, 3e4, 400), rng.uniform(0, 2e4, 400)
     compiled, arrays = CompiledRules(ROBOT, limits), ArrayRules(ROBOT, limits, recursion.retime)
     np.testing.assert_allclose(compiled.used(nodes, u, x), arrays.used(nodes, u, x), rtol=1e-9)
@@ -110,7 +111,7 @@ def test_rest_has_slack_one_in_every_row():
     d1[:, :3], d2[:, :3] = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
     free = replace(ROBOT, winders=None)
     limits = limits_of(PRINTER, MATERIAL)
-    a, b, _ = rows(free, limits, Nodes(poses, d1, d2, np.zeros(6)))
+    a, b, _ = rows(free, limits, Nodes(poses, d1, d2, np.zeros(6), np.full(6, np.inf)))
     agreed = 0
     for k in range(6):
         for u, x in zip(rng.uniform(-6e4, 6e4, 25), rng.uniform(0, 6e4, 25), strict=True):

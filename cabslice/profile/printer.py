@@ -86,8 +86,8 @@ class Motion(Table):
         description="nozzle acceleration per axis; absent: only cables and motors limit it",
     )
     smoothing_ms: float = Field(
-        default=10.0, ge=0, le=1000,
-        description="window over which the motion in time is averaged, so that acceleration does not step; 0: it may",
+        default=5.0, ge=0, le=1000,
+        description="window over which the nozzle's motion is averaged, so that acceleration ramps; 0: it may step",
     )
 
 

@@ -32,7 +32,7 @@ BALANCE = 1e-6              # of the largest tension: how well the tensions must
 PLACE_MM = 1e-6
 FINER = 8
 CURED_BY_SLOWING = {
-    "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension",
+    "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
 }
 Progress = Callable[[int, int], None]
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
-from cabslice.timing.path import Path
+from cabslice.timing.path import SHARP, Path
 
 FINEST, GROWTH = 0.3, 0.5     # mm; interval length FINEST + ~GROWTH x distance from the end of the straight part
 REACH, COARSEST = 10.0, 5.0   # mm; graded this far from each end, then even intervals of at most COARSEST
-SHARP = 0.3                   # |d1 - d0| above which a corner gets the finer division
 SECTIONS = 5
 
 
@@ -70,7 +69,7 @@ def _sections(path: Path, moves: Array) -> tuple[Array, Array, Array]:
     middle = np.maximum(straight - 2 * REACH, 0.0)
     length = np.stack((h_in, end, middle, end, h_out), axis=1)
     turn = np.linalg.norm(np.diff(path.direction, axis=0, append=path.direction[-1:]), axis=1)
-    blend = np.where(turn > SHARP, 3, 2)
+    blend = np.where(turn > SHARP, 3, 2)                                # intervals in half a blend
     count = np.ones(length.shape, np.int64)
     count[:, 0], count[:, 4] = blend[moves - 1], blend[moves]
     count[:, 1] = count[:, 3] = np.maximum(1, np.ceil(np.arcsinh(GROWTH * end / FINEST) / GROWTH))

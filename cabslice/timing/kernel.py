@@ -19,7 +19,7 @@ from numba import njit
 
 from cabslice.arrays import Array
 from cabslice.robot.model import NEWTON, Robot
-from cabslice.timing.recursion import lower_to_rows, retime_piece, spread
+from cabslice.timing.recursion import retime_piece
 
 FREEDOMS = 6
 PARALLEL = 1e-9
@@ -95,12 +95,12 @@ def _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _node(p, d1, d2, feed, geometry, load, bounds, a, b, scratch):
+def _node(p, d1, d2, feed, accel, geometry, load, bounds, a, b, scratch):
     """Rows of one node into a, b (R,); returns the margin at rest as a share of the range (<= 0: cannot rest) and
     the largest |L'| over its cap. scratch: g (6, m+3), h (m, 2), tau (m, 3), unit (3,), tip (3,), pivot, used."""
     anchors, axes, radii, levers = geometry
     weight, mass, arm, size = load
-    t_min, t_max, caps, accel, feed_accel, keep = bounds
+    t_min, t_max, caps, _, feed_accel, keep = bounds
     g, h, tau, unit, tip, pivot, used = scratch
     m = len(radii)
     _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b)
@@ -177,10 +177,10 @@ def _row_count(m):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(q, d1, d2, feed, quiet, tight, top, step, nodes, window, geometry, load, bounds, x, margin):
+def _solve(q, d1, d2, feed, accel, quiet, tight, top, step, nodes, geometry, load, bounds, x, margin):
     """Rows and recursion piece by piece, so that the rows of a piece stay in the cache."""
     m = len(geometry[2])
-    _, _, _, accel, feed_accel, keep = bounds
+    _, _, _, _, feed_accel, keep = bounds
     longest = 0
     for piece in range(len(nodes) - 1):
         longest = max(longest, nodes[piece + 1] - nodes[piece])
@@ -194,33 +194,30 @@ def _solve(q, d1, d2, feed, quiet, tight, top, step, nodes, window, geometry, lo
         for k in range(count):
             at = first + k
             if rows == OWN:
-                _own_rows(d1[at], d2[at], feed[at], accel, feed_accel, keep, a[k], b[k])
+                _own_rows(d1[at], d2[at], feed[at], accel[at], feed_accel, keep, a[k], b[k])
                 margin[at], fastest = 1.0, 0.0
             else:
                 margin[at], fastest = _node(
-                    q[at], d1[at], d2[at], feed[at], geometry, load, bounds, a[k], b[k], scratch)
+                    q[at], d1[at], d2[at], feed[at], accel[at], geometry, load, bounds, a[k], b[k], scratch)
             highest[k] = min(top[at], 1.0 / (fastest * fastest)) if fastest > 0.0 else top[at]
             for row in range(rows):
                 a[k, row] *= tight[at]
                 b[k, row] *= tight[at]
-        if window > 0.0:
-            lower_to_rows(b[:count, :rows], highest[:count])
-            spread(highest[:count], step[first:last - 1], window)
         retime_piece(a[:count, :rows], b[:count, :rows], highest[:count], step[first:last - 1], x[first:last])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _used(q, d1, d2, feed, quiet, u, x, geometry, load, bounds, out):
+def _used(q, d1, d2, feed, accel, quiet, u, x, geometry, load, bounds, out):
     m = len(geometry[2])
-    _, _, _, accel, feed_accel, keep = bounds
+    _, _, _, _, feed_accel, keep = bounds
     a, b = np.empty(_row_count(m)), np.empty(_row_count(m))
     scratch = _scratch(m)
     for k in range(len(q)):
         rows, fastest = OWN, 0.0
         if quiet[k]:
-            _own_rows(d1[k], d2[k], feed[k], accel, feed_accel, keep, a, b)
+            _own_rows(d1[k], d2[k], feed[k], accel[k], feed_accel, keep, a, b)
         else:
-            _, fastest = _node(q[k], d1[k], d2[k], feed[k], geometry, load, bounds, a, b, scratch)
+            _, fastest = _node(q[k], d1[k], d2[k], feed[k], accel[k], geometry, load, bounds, a, b, scratch)
             rows = len(a)
         worst = x[k] * fastest * fastest
         for row in range(rows):
@@ -242,7 +239,7 @@ def _at_worst(q, speed, geometry, load, bounds, out):
         for axis in range(3):
             direction[:] = 0.0
             direction[axis] = 1.0
-            margin, fastest = _node(q[k], direction, still, 0.0, geometry, load, bounds, a, b, scratch)
+            margin, fastest = _node(q[k], direction, still, 0.0, accel, geometry, load, bounds, a, b, scratch)
             if not margin > 0.0:
                 worst = np.inf
             worst += fastest * speed
@@ -269,26 +266,27 @@ def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, ac
     return geometry, load, bounds
 
 
-def solve(q: Array, d1: Array, d2: Array, feed: Array, quiet: Array, tight: Array, top: Array, step: Array,
-          nodes: Array, window: float, robot_columns: tuple[tuple, tuple, tuple]) -> tuple[Array, Array]:
+def solve(q: Array, d1: Array, d2: Array, feed: Array, accel: Array, quiet: Array, tight: Array, top: Array,
+          step: Array, nodes: Array, robot_columns: tuple[tuple, tuple, tuple]) -> tuple[Array, Array]:
     """x (G,) at the nodes of a block of pieces and the margin (G,) at rest as a share of the range (<= 0: cannot rest).
 
     q, d1, d2 (G, 3) platform origin in the machine frame and its derivatives by s; feed (G,) filament per mm;
-    quiet (G,) bool: the rows of the cables are known to follow from those of the axes (at_worst), and are left out
-    where that holds for a whole piece; tight (G,) factors on the rows; top (G,), step (G,), nodes (P+1,) as in
-    recursion.retime; window s.
+    accel (G,) mm/s^2 per axis; quiet (G,) bool: the rows of the cables are known to follow from those of the axes
+    (at_worst), and are left out where that holds for a whole piece; tight (G,) factors on the rows; top (G,),
+    step (G,), nodes (P+1,) as in recursion.retime.
     """
     x, margin = np.empty((2, len(q)))
     geometry, load, bounds = robot_columns
-    _solve(q, d1, d2, feed, quiet, tight, top, step, nodes, window, geometry, load, bounds, x, margin)
+    _solve(q, d1, d2, feed, accel, quiet, tight, top, step, nodes, geometry, load, bounds, x, margin)
     return x, margin
 
 
-def used(q: Array, d1: Array, d2: Array, feed: Array, quiet: Array, u: Array, x: Array, robot_columns: tuple) -> Array:
+def used(q: Array, d1: Array, d2: Array, feed: Array, accel: Array, quiet: Array, u: Array, x: Array,
+         robot_columns: tuple) -> Array:
     """(K,) largest share of any limit that (u, x) uses; nan where a cable cannot run."""
     out = np.empty(len(q))
     geometry, load, bounds = robot_columns
-    _used(q, d1, d2, feed, quiet, u, x, geometry, load, bounds, out)
+    _used(q, d1, d2, feed, accel, quiet, u, x, geometry, load, bounds, out)
     return out
 
 

@@ -62,19 +62,21 @@ Block = tuple[Array, Array, Array, Array]     # a, b, lo, hi, each (R, K)
 
 @dataclass(frozen=True)
 class Nodes:
-    """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,)."""
+    """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,),
+    largest acceleration per axis (K,) mm/s^2, inf where only the cables limit it."""
 
     poses: Array
     d1: Array
     d2: Array
     feed: Array
+    acceleration: Array
 
 
 def rows(robot: Robot, limits: Limits, nodes: Nodes) -> tuple[Array, Array, Array]:
     """Rows a u + b x <= 1, a and b (K, R), and the margin (K,) at rest: <= 0 where the platform cannot even rest."""
     tension = _tension(robot, nodes)
     margin = np.minimum(tension[3], -tension[2]).min(axis=0)
-    blocks = [tension, _winding(robot, nodes), _axes(limits, nodes), _feeding(limits, nodes)]
+    blocks = [tension, _winding(robot, nodes), _axes(nodes), _feeding(limits, nodes)]
     a = np.concatenate([side for block in blocks for side in _one_sided(block[0], block)])
     b = np.concatenate([side for block in blocks for side in _one_sided(block[1], block)])
     return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T), margin
@@ -131,9 +133,9 @@ def _winding(robot: Robot, nodes: Nodes) -> Block:
     return first, second, -high, high
 
 
-def _axes(limits: Limits, nodes: Nodes) -> Block:
+def _axes(nodes: Nodes) -> Block:
     a, b = nodes.d1[:, :3].T, nodes.d2[:, :3].T
-    high = np.full(a.shape, limits.acceleration)
+    high = np.broadcast_to(nodes.acceleration, a.shape)
     return a, b, -high, high
 
 

@@ -26,6 +26,7 @@ from cabslice.arrays import Array, Shapes, set_columns
 from cabslice.toolpath.path import Toolpath
 
 DEVIATION = 3.0 / 16.0   # of h |d1 - d0|
+SHARP = 0.3              # |d1 - d0| above which a vertex is a corner
 
 
 @dataclass(frozen=True)
@@ -118,3 +119,18 @@ def deviation(path: Path) -> Array:
     """(N,) mm, distance between each vertex and the curve: the largest the curve leaves the polyline there."""
     turn = np.linalg.norm(np.diff(path.direction, axis=0, append=path.direction[-1:]), axis=1)
     return DEVIATION * path.half * turn
+
+
+def to_corners(path: Path, starts: Array) -> tuple[Array, Array]:
+    """(N,) mm from the start of each move back to the last corner sharper than SHARP in its piece, and from its end on
+    to the next one; inf where there is none."""
+    turn = np.linalg.norm(np.diff(path.direction, axis=0, append=path.direction[-1:]), axis=1)
+    corner = (path.half > 0) & (turn > SHARP)                            # at the end of the move
+    run = np.cumsum(path.length)                                         # at the end of each move, all pieces in a row
+    piece = np.searchsorted(starts, np.arange(len(run)), side="right")
+    last = np.maximum.accumulate(np.where(corner, np.arange(len(run)), 0))
+    last = np.concatenate(([0], last[:-1]))                              # before the move
+    following = np.minimum.accumulate(np.where(corner, np.arange(len(run)), len(run) - 1)[::-1])[::-1]
+    behind = np.where(corner[last] & (piece[last] == piece), run - path.length - run[last], np.inf)
+    ahead = np.where(corner[following] & (piece[following] == piece), run[following] - run, np.inf)
+    return behind, ahead

@@ -121,12 +121,7 @@ def retime_piece(a, b, top, step, x):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def spread(top, step, window):
-    """Lower `top` (n+1,) around every node as far as the nozzle runs in half of `window` s at that node's speed.
-
-    A motion averaged over the window then keeps the limits it kept before (timing.trajectory).
-    """
-    if window <= 0.0:
-        return
+    """Lower `top` (n+1,) around every node as far as the nozzle runs in half of `window` s at that node's speed."""
     source = top.copy()
     for i in range(len(top)):
         reach = 0.5 * window * np.sqrt(source[i])
@@ -143,15 +138,6 @@ def spread(top, step, window):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lower_to_rows(b, top):
-    """Lower `top` (n,) to what the rows b (n, R) allow at constant speed."""
-    for k in range(len(top)):
-        for row in range(b.shape[1]):
-            if b[k, row] * top[k] > 1.0:
-                top[k] = 1.0 / b[k, row]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _retime(a, b, top, step, nodes, x):
     for piece in range(len(nodes) - 1):
         first, last = nodes[piece], nodes[piece + 1]
@@ -159,18 +145,17 @@ def _retime(a, b, top, step, nodes, x):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _widen(b, top, step, nodes, window):
+def _widen(top, step, nodes, window):
     for piece in range(len(nodes) - 1):
         first, last = nodes[piece], nodes[piece + 1]
-        lower_to_rows(b[first:last], top[first:last])
         spread(top[first:last], step[first:last - 1], window)
 
 
-def widened(b: Array, top: Array, step: Array, nodes: Array, window: float) -> Array:
-    """top (G,) for a motion that will be averaged over window s: lowered to the rows and spread; unchanged for 0."""
+def widened(top: Array, step: Array, nodes: Array, window: float) -> Array:
+    """top (G,) of a motion that will be averaged over window s: speeds asked for in one move hold around it too."""
     top = top.copy()
     if window > 0:
-        _widen(np.ascontiguousarray(b), top, step, nodes, window)
+        _widen(top, step, nodes, window)
     return top
 
 

@@ -19,16 +19,20 @@ from cabslice.feasibility.findings import Finding
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.timing.grid import Grid, lay_grid
 from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_tension, highest_x, limits_of, speed_limit
-from cabslice.timing.path import Path, evaluate, smooth
+from cabslice.timing.path import DEVIATION, Path, evaluate, smooth, to_corners
+from cabslice.timing.recursion import widened
 from cabslice.timing.rules import Rules, rules_for
-from cabslice.timing.trajectory import Trajectory, averaged, move_at, times_between
+from cabslice.timing.trajectory import Trajectory, sample, times_between
 from cabslice.toolpath.path import EventKind, Toolpath
 
 BLOCK_NODES = 20_000       # nodes planned together
 ROUNDS = 6                 # of tightening where the motion between the nodes breaks a limit
 SLACK = RESERVE / 2        # of the reserve that motion between nodes may use
 OVERSHOOT = 1e-9           # of the asked speed: rounding
-PART_OF_CORNER = 0.98      # of the corner tolerance that blends use; the audit measures with finite steps
+PART_OF_CORNER = 0.98      # of the corner tolerance that is used; the audit measures with finite steps
+LEAST_BLEND = 0.5          # of that part is left to blends, however long the window
+GENTLE = 0.02              # |d1 - d0| of a vertex that averaging cuts by nothing worth looking at
+NEAR, CAUTION = 0.5, 0.95   # mm around a corner (and as far as half a window reaches) with this share of what it stands
 Progress = Callable[[int, int], None]
 
 
@@ -42,6 +46,10 @@ class Task:
     path: Path
     grid: Grid
     speed: Array        # (N,) mm/s
+    corner_mm: float    # how far the motion may leave the toolpath
+    bend: float         # mm/s^2, largest acceleration in corners: what averaging may cut off them
+    behind: Array       # (N,) mm from the start of each move back to the last sharp corner of its piece
+    ahead: Array        # (N,) mm from the end of each move on to the next one
     tops: tuple[Array, Array]   # (I,) mm^2/s^2 at the start and the end of every interval
     rules: Rules
 
@@ -81,10 +89,23 @@ def plan(
 
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
-    path, limits = smooth(toolpath, PART_OF_CORNER * process.corner_mm), limits_of(printer, material)
+    limits = limits_of(printer, material)
+    corner_mm = PART_OF_CORNER * process.corner_mm
+    blend_mm, bend = shared_corner(limits, corner_mm)
+    path = smooth(toolpath, blend_mm)
     grid, speed = lay_grid(path, toolpath.starts), speed_limit(toolpath, path, limits)
-    return Task(robot, limits, toolpath, path, grid, speed, highest_x(grid, path, limits, speed),
-                rules_for(robot, limits, engine))
+    return Task(robot, limits, toolpath, path, grid, speed, corner_mm, bend, *to_corners(path, toolpath.starts),
+                highest_x(grid, path, limits, speed), rules_for(robot, limits, engine))
+
+
+def shared_corner(limits: Limits, corner_mm: float) -> tuple[float, float]:
+    """How much of corner_mm the blends may use, and the acceleration (mm/s^2) across the path that averaging over the
+    window turns into the rest: |acceleration| w^2 / 24."""
+    if limits.window <= 0:
+        return corner_mm, np.inf
+    cut = limits.window**2 / 24
+    blend_mm = max(corner_mm - cut * np.sqrt(2) * limits.acceleration, LEAST_BLEND * corner_mm)
+    return blend_mm, (corner_mm - blend_mm) / cut
 
 
 def blocks_of(grid: Grid) -> Iterator[Block]:
@@ -118,11 +139,11 @@ def _plan_block(task: Task, block: Block) -> Array:
     for _ in range(ROUNDS):
         x[at] = _solved(task, part, tight[at])
         broken = _broken(task, part, x[at])
-        if broken is None:
+        if not (broken > 1).any():
             return x
         tight[at] *= broken
         part, at = _still_broken(task.grid, part, at, broken)
-    while (broken := _broken(task, part, x[at])) is not None:
+    while ((broken := _broken(task, part, x[at])) > 1).any():
         worst = np.maximum.reduceat(broken, part.offsets[:-1])
         x[at] /= np.repeat(np.where(worst > 1, 1.05 * worst, 1.0), np.diff(part.offsets))
     return x
@@ -130,7 +151,9 @@ def _plan_block(task: Task, block: Block) -> Array:
 
 def _solved(task: Task, block: Block, tight: Array) -> Array:
     places = _nodes(task, block.move, block.sigma)
-    x, margin = task.rules.solve(places, tight, _tops(task, block) / tight, block.step, block.offsets)
+    top = widened(_tops(task, block) / tight, block.step, block.offsets, task.limits.window)
+    top = np.minimum(top, task.bend / np.maximum(np.linalg.norm(places.d2, axis=1), 1e-9))
+    x, margin = task.rules.solve(places, tight, top, block.step, block.offsets)
     if (margin <= 0).any():
         raise _cannot_rest(task, block, margin)
     return x
@@ -144,8 +167,11 @@ def _still_broken(grid: Grid, block: Block, at: Array, broken: Array) -> tuple[B
 def _nodes(task: Task, move: Array, sigma: Array) -> Nodes:
     motion = evaluate(task.path, move, sigma)
     still = np.zeros((len(move), 3))
+    away = np.minimum(sigma + task.behind[move], task.path.length[move] - sigma + task.ahead[move])
+    near = away < NEAR + task.speed[move] * task.limits.window / 2
+    most = np.where(near, min(task.limits.acceleration, CAUTION * task.bend), task.limits.acceleration)
     return Nodes(nozzle_poses(task.robot, motion.q), np.hstack((motion.d1, still)), np.hstack((motion.d2, still)),
-                 task.path.feed[move])
+                 task.path.feed[move], most)
 
 
 def _tops(task: Task, block: Block) -> Array:
@@ -156,42 +182,47 @@ def _tops(task: Task, block: Block) -> Array:
     return top
 
 
-def _broken(task: Task, block: Block, x: Array) -> Array | None:
-    """Factors (G,) > 1 by which to tighten nodes whose surroundings break a limit in the averaged motion, or None."""
-    trajectory = _trajectory(task, block, x)
-    piece, times = _instants(trajectory, task.limits.window)
-    s, rate, u = averaged(trajectory, piece, times)
-    move = move_at(trajectory, piece, s)
-    places = _nodes(task, move, np.clip(s - task.path.start[move], 0.0, task.path.length[move]))
-    share = task.rules.used(places, u, rate**2) / (1 + SLACK)
-    share = np.maximum(share, (rate / task.speed[move]) ** 2 / (1 + OVERSHOOT))
+def _broken(task: Task, block: Block, x: Array) -> Array:
+    """Factors (G,) by which to tighten the nodes around places that break a limit: 1 where there is none.
+
+    Looked at half-way in time between the nodes. What the plan keeps, its average keeps: the limits are convex.
+    """
+    start, step = block.start, block.step[block.start]
+    first, last = np.sqrt(x[start]), np.sqrt(x[start + 1])
+    rate, u = (first + last) / 2, (x[start + 1] - x[start]) / (2 * step)
+    if not (rate > 0).all():
+        raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
+    sigma = block.sigma[start] + step * (first + rate) / (2 * (first + last))
+    share = task.rules.used(_nodes(task, block.move[start], sigma), u, rate**2) / (1 + SLACK)
     if not np.isfinite(share).all():
         raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
-    bad = np.flatnonzero(~(share <= 1))
-    return _around(trajectory, times[bad], share[bad], task.limits.window) if len(bad) else None
-
-
-def _instants(trajectory: Trajectory, window: float) -> tuple[Array, Array]:
-    """Piece and time of the places to check: every node, the middle between two nodes, and the run-in and run-out."""
-    piece = np.repeat(np.arange(len(trajectory.pieces) - 1), np.diff(trajectory.pieces))
-    ends = trajectory.pieces[1:] - 1
-    middle = np.delete((trajectory.time[:-1] + trajectory.time[1:]) / 2, ends[:-1])
-    lead = window * np.array([0.25, 0.45])
-    before = (trajectory.time[trajectory.pieces[:-1], None] - lead).ravel()
-    after = (trajectory.time[ends, None] + lead).ravel()
-    number = np.arange(len(ends))
-    return (np.concatenate((piece, np.delete(piece, ends), np.repeat(number, 2), np.repeat(number, 2))),
-            np.concatenate((trajectory.time, middle, before, after)))
-
-
-def _around(trajectory: Trajectory, times: Array, share: Array, window: float) -> Array:
-    """The largest share among the instants that a node takes part in: those up to half a window away."""
-    factor = np.ones(len(trajectory.time))
-    low = np.maximum(np.searchsorted(trajectory.time, times - window / 2) - 1, 0)
-    high = np.minimum(np.searchsorted(trajectory.time, times + window / 2, side="right"), len(factor) - 1)
-    for first, last, value in zip(low, high, np.minimum(share, 4.0), strict=True):
-        np.maximum(factor[first:last + 1], 1.02 * value, out=factor[first:last + 1])
+    factor, bad = np.ones(len(x)), share > 1
+    wanted = 1.02 * np.minimum(share[bad], 4.0)
+    np.maximum.at(factor, start[bad], wanted)
+    np.maximum.at(factor, start[bad] + 1, wanted)
+    if task.limits.window > 0:
+        _pull_in(task, block, x, factor)
     return factor
+
+
+def _pull_in(task: Task, block: Block, x: Array, factor: Array) -> None:
+    """Raise factor (G,) around every vertex that the averaged motion would pass too far away."""
+    trajectory, path = _trajectory(task, block, x), task.path
+    vertex = block.start[block.sigma[block.start] == 0]
+    vertex = np.setdiff1d(vertex, block.offsets[:-1])
+    before = block.move[vertex] - 1
+    turn = np.linalg.norm(path.direction[before + 1] - path.direction[before], axis=1)
+    vertex, before = vertex[turn > GENTLE], before[turn > GENTLE]
+    off = np.linalg.norm(sample(trajectory, trajectory.time[vertex]).poses[:, :3] - trajectory.to_pose
+                         - path.vertex[before], axis=1)
+    blend = DEVIATION * path.half[before] * turn[turn > GENTLE]
+    share = np.maximum(off - blend, 0) / np.maximum(task.corner_mm - blend, 1e-9)
+    far = np.flatnonzero(share > 1 + SLACK)
+    times, half = trajectory.time[vertex[far]], task.limits.window / 2
+    low = np.searchsorted(trajectory.time, times - half)
+    high = np.searchsorted(trajectory.time, times + half, side="right")
+    for first, last, value in zip(low, high, np.minimum(share[far], 4.0), strict=True):
+        np.maximum(factor[first:last], 1.02 * value, out=factor[first:last])
 
 
 def _cannot_rest(task: Task, block: Block, margin: Array) -> ImpossibleError:

@@ -51,8 +51,7 @@ class CompiledRules:
 
     def solve(self, nodes: Nodes, tight: Array, top: Array, step: Array, offsets: Array) -> tuple[Array, Array]:
         places = _contiguous(nodes)
-        return self.kernel.solve(
-            *places, self.quiet(places[0]), tight, top, step, offsets, self.limits.window, self.columns)
+        return self.kernel.solve(*places, self.quiet(places[0]), tight, top, step, offsets, self.columns)
 
     def used(self, nodes: Nodes, u: Array, x: Array) -> Array:
         places = _contiguous(nodes)
@@ -78,9 +77,9 @@ class CompiledRules:
         return np.array([self.cells[key] for key in keys])[back]
 
 
-def _contiguous(nodes: Nodes) -> tuple[Array, Array, Array, Array]:
+def _contiguous(nodes: Nodes) -> tuple[Array, Array, Array, Array, Array]:
     q, d1, d2 = (np.ascontiguousarray(column[:, :3]) for column in (nodes.poses, nodes.d1, nodes.d2))
-    return q, d1, d2, np.ascontiguousarray(nodes.feed)
+    return q, d1, d2, np.ascontiguousarray(nodes.feed), np.ascontiguousarray(nodes.acceleration)
 
 
 class ArrayRules:
@@ -88,13 +87,11 @@ class ArrayRules:
         self.robot, self.limits, self.engine = robot, limits, engine
 
     def solve(self, nodes: Nodes, tight: Array, top: Array, step: Array, offsets: Array) -> tuple[Array, Array]:
-        from cabslice.timing.recursion import widened
-
         a, b, margin = rows(self.robot, self.limits, nodes)
         if (margin <= 0).any():
             return np.zeros(len(top)), margin
         a, b = a * tight[:, None], b * tight[:, None]
-        top = widened(b, np.minimum(top, winder_speed_x(self.robot, nodes)), step, offsets, self.limits.window)
+        top = np.minimum(top, winder_speed_x(self.robot, nodes))
         return self.engine(a, b, top, step, offsets), margin
 
     def used(self, nodes: Nodes, u: Array, x: Array) -> Array:

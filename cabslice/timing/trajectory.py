@@ -3,8 +3,8 @@
 Legend
     node     grid point of the retiming; s its path parameter (mm within its piece), x = (ds/dt)^2, t its time
     u        d2s/dt2, constant between two nodes, so x is linear in s and s is quadratic in t there
-    w        window: the plan s(t) is averaged over [t - w/2, t + w/2], so that u ramps over w instead of stepping and
-             the jerk is bounded; the path itself is not touched (timing.averaging)
+    w        window: the planned position is averaged over [t - w/2, t + w/2], so that acceleration ramps over w instead
+             of stepping and the jerk is bounded; corners are cut by a little more (timing.averaging)
     pose rate and acceleration: q' ds/dt and q' u + q'' (ds/dt)^2   (Bobrow 1985; Pham & Pham 2018)
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
-from cabslice.timing.path import Path, evaluate
+from cabslice.timing.path import Path
 
 
 @dataclass(frozen=True)
@@ -60,28 +60,16 @@ class Trajectory:
 
 def sample(trajectory: Trajectory, times: Array) -> Samples:
     """The motion at times (K,) s; before the start and after the end the machine rests."""
+    from cabslice.timing.averaging import moved
+
     piece = piece_at(trajectory, times)
-    s, rate, u = averaged(trajectory, piece, times)
-    return _samples(trajectory, piece, s, rate, u)
-
-
-def averaged(trajectory: Trajectory, piece: Array, times: Array) -> Array:
-    """(3, K): s mm, its rate mm/s and second rate mm/s^2 at times (K,) within pieces (K,), averaged over the window."""
-    from cabslice.timing.averaging import average
-
     first, last = trajectory.pieces[piece], trajectory.pieces[piece + 1] - 1
-    return average(trajectory.time, trajectory.s, trajectory.x, first, last, times, trajectory.window)
-
-
-def _samples(trajectory: Trajectory, piece: Array, s: Array, rate: Array, u: Array) -> Samples:
-    path = trajectory.path
-    move = move_at(trajectory, piece, s)
-    motion = evaluate(path, move, np.clip(s - path.start[move], 0.0, path.length[move]))
-    poses, rates, accels = np.zeros((3, len(move), 6))
-    poses[:, :3] = motion.q + trajectory.to_pose
-    rates[:, :3] = motion.d1 * rate[:, None]
-    accels[:, :3] = motion.d1 * u[:, None] + motion.d2 * (rate**2)[:, None]
-    return Samples(poses, rates, accels, motion.filament, path.feed[move] * rate, move)
+    plan = trajectory.time, trajectory.s, trajectory.x, trajectory.move
+    motion, s, filament, feed = moved(trajectory.path, plan, first, last, times, trajectory.window)
+    poses, rates, accels = np.zeros((3, len(s), 6))
+    poses[:, :3] = motion[:, :3] + trajectory.to_pose
+    rates[:, :3], accels[:, :3] = motion[:, 3:6], motion[:, 6:]
+    return Samples(poses, rates, accels, filament, feed, move_at(trajectory, piece, s))
 
 
 def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:
