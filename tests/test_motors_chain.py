@@ -31,12 +31,12 @@ def stream_of(planned, **more):
 
 
 def test_the_file_of_a_planned_print_holds_the_nozzle_on_the_plan(planned, tmp_path):
-    """Acceptance 3 with real corners, retracts and stops: within 1 um, here within 0.03 um."""
+    """Acceptance 3, real corners, retracts and stops: within 1 um; the quanta leave 0.04 um."""
     _, robot, trajectory = planned
     formats.format_for("a.stream").write(stream_of(planned), tmp_path / "a.stream")
     verdict = verify_stream(formats.read(tmp_path / "a.stream"), robot, trajectory)
     assert verdict.ok
-    assert verdict.margins["nozzle_error_mm"] < 3e-5
+    assert verdict.margins["nozzle_error_mm"] < 4e-5
 
 
 def test_the_bytes_are_the_same_with_one_thread_and_with_two(planned, tmp_path):
