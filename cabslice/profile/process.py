@@ -38,6 +38,19 @@ class Retraction(Table):
     prime_speed_mm_s: float = Field(gt=0, le=500, description="filament speed forth again")
     min_travel_mm: float = Field(ge=0, le=1000, description="shorter travels are made without retraction")
     hop_mm: float = Field(default=0.0, ge=0, le=50, description="lift of the nozzle during a retracted travel")
+    inside_travel_mm: float = Field(
+        default=15.0, ge=0, le=10000,
+        description="travels up to this that stay inside the part, not over top skins, are made without retraction",
+    )
+    max_detour: float = Field(
+        default=3.0, ge=1, le=100,
+        description="a travel is led inside the part, round its walls, where that is at most so many times as long",
+    )
+    wipe_mm: float = Field(default=0.0, ge=0, le=100, description="way back along the bead while drawing back")
+    prime_extra_mm: float = Field(default=0.0, ge=-10, le=10, description="filament primed beyond what was drawn back")
+    coast_mm: float = Field(
+        default=0.0, ge=0, le=100, description="last part of a bead before a retraction, laid by pressure alone",
+    )
 
 
 class Compensation(Table):

@@ -1,8 +1,8 @@
 """Layers in, toolpath out: every bead laid once, in an order that travels little.
 
-A travel shorter than the process' min_travel_mm inside one island (or up to the next layer) goes straight and the
-nozzle does not stop; any other draws the filament back, lifts, travels, lowers and primes: the two filament moves at
-rest.
+A travel that stays inside the part, or is shorter than min_travel_mm inside one island, is made without stopping; any
+other draws the filament back (at rest, or wiping), lifts, travels, lowers and primes. Which way it takes is told by
+travel.travels.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.material import Material
-from cabslice.profile.process import Process
+from cabslice.profile.process import Process, Retraction
 from cabslice.slicing.layer import Layer, Role
 from cabslice.toolpath.events import events_of
 from cabslice.toolpath.path import RESTS, Events, Toolpath, bead_area, piece_starts
 from cabslice.toolpath.sequence import Drawn, draw_layer
+from cabslice.toolpath.travel import SAME_PLACE, Travels, coasted, travels
 
 SPEED_OF = {
     Role.OUTER_WALL: "outer_wall", Role.INNER_WALL: "inner_wall", Role.SOLID_INFILL: "solid_infill",
@@ -28,7 +29,6 @@ SPEED_OF = {
     Role.IRONING: "top_skin", Role.OVERHANG_WALL: "bridge", Role.CUSTOM: "outer_wall", Role.TRAVEL: "travel",
 }
 INSTEAD = {"support": "sparse_infill", "support_interface": "solid_infill"}   # where the process does not say
-SAME_PLACE = 1e-3  # mm: lines that meet so closely are laid without a travel between; less than lines.TINY
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer")
 
 
@@ -115,22 +115,23 @@ def _moves(
     z, z_before = layer.z_mm, layer.z_mm if nozzle.xyz is None else nozzle.xyz[2]
     before = np.vstack((heads[:1] if nozzle.xyz is None else nozzle.xyz[None, :2], tails[:-1]))
     stops = layer.index in (*process.pause_layers, *process.filament_change_layers)
-    retracted, direct = _travels(drawn, heads, before, z != z_before, process, stops=stops and not first)
-    hop = process.retraction.hop_mm if process.retraction.hop_mm > SAME_PLACE else 0.0
-    lead = np.where(retracted, 5 if hop else 3, direct)
+    way = travels(drawn, layer, before, process, climbs=z != z_before, stops=stops and not first)
+    drawn, dry = coasted(drawn, way.retracted, process.retraction)
+    lead = _lead(way, process.retraction)
     lead[0] += first
     size = lead + np.diff(drawn.starts) - 1
     offset = np.cumsum(size) - size
     rows = _blank(int(size.sum()), layer)
     _put_beads(rows, drawn, offset + lead, z, layer.height_mm)
     rows["speed"] = _speeds(process, first)[rows["role"]]
-    rows["xyz"][offset[direct]] = _at(heads[direct], z)
+    if dry.any():
+        _coast(rows, drawn, dry, offset + lead)
     rows["xyz"][0, :] = _at(heads[:1], z) if first else rows["xyz"][0]
     z_from = np.full(len(heads), z)
     z_from[0] = z_before
-    _put_travels(rows, offset[retracted], before[retracted], heads[retracted], z_from[retracted], z, hop, process)
-    if retracted[0]:
-        rows["layer"][0] = nozzle.layer
+    _put_travels(rows, way, offset, before, heads, z_from, z, process)
+    if way.retracted[0]:
+        rows["layer"][:max(int(way.wipe_starts[1]), 1)] = nozzle.layer
     start = rows["xyz"][:1] if nozzle.xyz is None else nozzle.xyz[None]
     long = np.linalg.norm(np.diff(rows["xyz"], axis=0, prepend=start), axis=1)
     laid = rows["role"] != Role.TRAVEL
@@ -139,21 +140,6 @@ def _moves(
     useful = (long > 0) | (rows["filament"] != 0)
     useful[0] |= first
     return {name: column[useful] for name, column in rows.items()}
-
-
-def _travels(
-    drawn: Drawn, heads: Array, before: Array, climbs: bool, process: Process, *, stops: bool
-) -> tuple[Array, Array]:
-    """Before which lines (L,) the filament is drawn back, and which are reached straight; others begin on the spot."""
-    gap = np.linalg.norm(heads - before, axis=1)
-    inside = np.diff(drawn.island, prepend=drawn.island[:1]) == 0
-    apart = gap > SAME_PLACE
-    drawing_back = process.retraction.length_mm > 0
-    retracted = apart & (~inside | (gap >= process.retraction.min_travel_mm)) & drawing_back
-    retracted[0] |= stops and drawing_back
-    direct = apart & ~retracted
-    direct[0] |= climbs and not retracted[0]
-    return retracted, direct
 
 
 def _blank(size: int, layer: Layer) -> dict[str, Array]:
@@ -174,19 +160,71 @@ def _put_beads(rows: dict[str, Array], drawn: Drawn, offset: Array, z: float, he
     rows["width"][row], rows["height"][row] = drawn.width[inner], height
 
 
+def _coast(rows: dict[str, Array], drawn: Drawn, dry: Array, offset: Array) -> None:
+    """Segments (M,) `dry` are travelled at the speed of their bead."""
+    row = np.flatnonzero(dry) + np.repeat(offset - 1 - drawn.starts[:-1], np.diff(drawn.starts))[dry]
+    for name in ("role", "width", "height"):
+        rows[name][row] = 0
+
+
+def _lift(retraction: Retraction) -> float:
+    return retraction.hop_mm if retraction.hop_mm > SAME_PLACE else 0.0
+
+
+def _lead(way: Travels, retraction: Retraction) -> Array:
+    """(L,) rows before each line: draw back (or wipe), lift, travel, lower, prime; or travel; or none."""
+    wiping, passing = np.diff(way.wipe_starts), np.diff(way.way_starts)
+    lifting = 2 if _lift(retraction) else 0
+    drawn_back = np.maximum(wiping, 1) + lifting + passing + 2
+    return np.where(way.retracted, drawn_back, np.where(way.direct, passing + 1, 0))
+
+
 def _put_travels(
-    rows: dict[str, Array], row: Array, here: Array, there: Array, z_from: Array, z: float, hop: float, process: Process
+    rows: dict[str, Array], way: Travels, row: Array, here: Array, there: Array, z_from: Array, z: float,
+    process: Process,
 ) -> None:
-    """Draw back, lift, travel, lower, prime: from `here` (T, 2) to `there` (T, 2), beginning at `row` (T,)."""
-    top = np.maximum(z_from, z) + hop
-    places = [_at(here, z_from), _at(here, top), _at(there, top), _at(there, z), _at(there, z)]
-    if not hop:
-        places = [places[0], places[3], places[4]]
-    for step, place in enumerate(places):
-        rows["xyz"][row + step] = place
-    last, retraction = row + len(places) - 1, process.retraction
-    rows["filament"][row], rows["filament"][last] = -retraction.length_mm, retraction.length_mm
-    rows["speed"][row], rows["speed"][last] = retraction.speed_mm_s, retraction.prime_speed_mm_s
+    """The rows before each line, from `here` (L, 2) to `there` (L, 2), beginning at `row` (L,)."""
+    hop, back, retraction = _lift(process.retraction), way.retracted, process.retraction
+    here, now = here.copy(), row.copy()
+    wiping = np.diff(way.wipe_starts) > 0
+    still = back & ~wiping
+    rows["xyz"][now[still]], rows["filament"][now[still]] = _at(here[still], z_from[still]), -retraction.length_mm
+    rows["speed"][now[still]] = retraction.speed_mm_s
+    if wiping.any():
+        _put_wipes(rows, way, now, here, z_from, process)
+    now += np.where(back, np.maximum(np.diff(way.wipe_starts), 1), 0)
+    level = np.where(back & (hop > 0), np.maximum(z_from, z) + hop, z)
+    if hop:
+        rows["xyz"][now[back]] = _at(here[back], level[back])
+        now += back
+    moving = back | way.direct
+    passing = np.where(moving, np.diff(way.way_starts), 0)
+    points = np.repeat(moving, np.diff(way.way_starts))
+    begin = np.cumsum(passing) - passing
+    step = np.repeat(now - begin, passing) + np.arange(passing.sum())
+    rows["xyz"][step] = _at(way.ways[points], np.repeat(level, passing))
+    now += passing
+    rows["xyz"][now[moving]] = _at(there[moving], level[moving])
+    last = now[back] + (2 if hop else 1)
+    for at in range(1, 3 if hop else 2):
+        rows["xyz"][now[back] + at] = _at(there[back], z)
+    rows["filament"][last] = retraction.length_mm + retraction.prime_extra_mm
+    rows["speed"][last] = retraction.prime_speed_mm_s
+
+
+def _put_wipes(
+    rows: dict[str, Array], way: Travels, row: Array, here: Array, z_from: Array, process: Process
+) -> None:
+    """Draw back while going back along the bead; moves `here` to where that ends."""
+    retraction = process.retraction
+    for line in np.flatnonzero(np.diff(way.wipe_starts)).tolist():
+        low, high = way.wipe_starts[line:line + 2]
+        places, at = way.wipes[low:high], slice(row[line], row[line] + high - low)
+        long = np.linalg.norm(np.diff(places, axis=0, prepend=here[line:line + 1]), axis=1)
+        rows["xyz"][at] = _at(places, z_from[line])
+        rows["filament"][at] = -retraction.length_mm * long / long.sum()
+        rows["speed"][at] = min(process.speeds_mm_s.travel, long.sum() * retraction.speed_mm_s / retraction.length_mm)
+        here[line] = places[-1]
 
 
 def _at(xy: Array, z: Array | float) -> Array:
