@@ -67,10 +67,11 @@ def test_the_cables_are_tensioned_before_anything_moves():
     assert led.rows == plain.rows + first
     for name in ("angle", "tension", "filament"):
         np.testing.assert_allclose(getattr(rows, name)[first:], getattr(wanted, name), rtol=0, atol=1e-9)
-    poses = np.repeat(sample_turn(TURN, np.zeros(1)).poses, first, axis=0)
-    supplied = np.einsum("kij,kj->ki", wrench.wrench_matrix(ROBOT, poses), rows.tension[:first])
+    still = first - 2      # the last two rows already carry what the acceleration is taken from
+    poses = np.repeat(sample_turn(TURN, np.zeros(1)).poses, still, axis=0)
+    supplied = np.einsum("kij,kj->ki", wrench.wrench_matrix(ROBOT, poses), rows.tension[:still])
     np.testing.assert_allclose(supplied, wrench.required_wrench(ROBOT, poses), rtol=0, atol=1e-8)
-    assert (np.diff(rows.tension[:first], axis=0) > -1e-9).all()
+    assert (np.diff(rows.tension[:still], axis=0) > -1e-9).all()
     assert (rows.tension >= ROBOT.tension_min).all()
     assert rows.tension[0].sum() < 0.5 * rows.tension[first].sum()
     assert (np.abs(rows.velocity[:first]) < 0.1).all()

@@ -1,7 +1,16 @@
 """cabslice simulate, as a user sees it."""
 
+import numpy as np
 import pytest
-from cli_cases import answered, run
+from cli_cases import PRINTER, SETS, answered, run, write_box
+
+from cabslice.profile import shelf
+from cabslice.robot.kinematics import lengths
+from cabslice.robot.model import nozzle_poses, robot_from_printer
+from cabslice.robot.stiffness import deflection, stiffness
+from cabslice.robot.tension import nearest_tension
+from cabslice.robot.winder import loaded_length, motor_angles
+from cabslice.robot.wrench import gravity_wrench, required_wrench
 
 CIRCLE = ("simulate", "--circle", 100, "--centre-z", -200, "--time", 6.28, "--law", "cubic")
 
@@ -40,3 +49,64 @@ def test_what_cannot_be_is_refused(capsys):
                           "--distribution", "closed-form")
     assert code == 4
     assert "closed-form finds no tensions" in told["error"]["sentence"]
+
+
+# ---- files
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A small box as a motor file and as a plan."""
+    folder = tmp_path_factory.mktemp("made")
+    box = write_box(folder / "box.stl")
+    assert run("export", box, *PRINTER, *SETS, "-o", folder / "box.stream", "-q") == 0
+    assert run("plan", box, *PRINTER, *SETS, "-o", folder / "box.plan", "-q") == 0
+    return folder
+
+
+def test_a_motor_file_follows_its_path_on_the_robot_it_is_made_for(capsys, made):
+    code, told = answered(capsys, "simulate", made / "box.stream", "--path", made / "box.plan", "--reference")
+    numbers = told["numbers"]
+    assert code == 0
+    # elastic inverse dynamics: nothing is left but what rows 2 ms apart cannot say
+    assert 0 < numbers["nozzle_error"]["max_mm"] < 3e-3
+    assert numbers["corner_rounding"]["max_mm"] <= 0.05
+    assert {"outer_wall", "sparse_infill"} <= set(numbers["features"])
+    worst = numbers["worst"][0]
+    assert worst["distance_mm"] == numbers["nozzle_error"]["max_mm"] == max(
+        row["max_mm"] for row in numbers["layers"]) == max(row["max_mm"] for row in numbers["features"].values())
+    of_plan = answered(capsys, "simulate", made / "box.plan", "--reference")[1]["numbers"]
+    assert of_plan["nozzle_error"] == pytest.approx(numbers["nozzle_error"], abs=2e-5)
+
+
+def test_fast_and_reference_agree(capsys, made):
+    fast, exact = (answered(capsys, "simulate", made / "box.plan", *more, "--mass-factor", 1.05, "--damping", 0.01)[1][
+        "numbers"] for more in ((), ("--reference",)))
+    assert fast["nozzle_error"] == pytest.approx(exact["nozzle_error"], abs=2e-4)
+
+
+def test_a_heavier_platform_hangs_lower(capsys, made):
+    numbers = answered(capsys, "simulate", made / "box.stream", "--mass-factor", 1.05)[1]["numbers"]
+    robot = robot_from_printer(shelf.load_printer("cabfab-optim", ()))
+    pose = nozzle_poses(robot, np.array([[0.0, 0, 0.3]]))
+    length, tension = lengths(robot, pose), nearest_tension(robot, pose, required_wrench(robot, pose)).tension
+    line = loaded_length(robot, length, motor_angles(robot, length, tension)) - length
+    sag = deflection(robot, pose, stiffness(robot, pose, tension, line=line).total, 0.05 * gravity_wrench(robot, pose))
+    assert numbers["first_layer_offset_mm"] == pytest.approx(sag[0], abs=3e-4)
+    assert numbers["nozzle_error_beyond_offset"]["max_mm"] < numbers["nozzle_error"]["max_mm"]
+
+
+def test_beads_are_saved(capsys, made):
+    code, told = answered(capsys, "simulate", made / "box.stream", "--path", made / "box.plan", "--damping", "profile",
+                          "-o", made / "beads.csv")
+    assert code == 0
+    names, *rows = [line.split(",") for line in (made / "beads.csv").read_text().splitlines() if line[0] != "#"]
+    table = np.array(rows, float)
+    assert table[:, names.index("max_mm")].max() == pytest.approx(told["numbers"]["nozzle_error"]["max_mm"], rel=1e-6)
+    assert np.unique(table[:, names.index("layer")]).tolist() == [row["layer"] for row in told["numbers"]["layers"]]
+
+
+def test_what_cannot_be_played_is_refused(capsys, made):
+    assert run("simulate", made / "box.stream", "--circle", 100, "--time", 5) == 2
+    assert run("simulate", made / "box.stl") == 3
+    assert run("simulate", made / "none.stream") == 3
+    assert run("simulate", made / "box.stream", "-p", "hangprinter-v4") == 2

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from cabslice.cli import asked as door
 from cabslice.cli import options
 from cabslice.cli.asked import DISTRIBUTIONS, Asked
-from cabslice.cli.options import Numbers
+from cabslice.cli.options import Numbers, Output
 from cabslice.cli.report import Table, Talk
+from cabslice.cli.simulated import Wrong
 from cabslice.errors import UsageError
 
 if TYPE_CHECKING:
@@ -81,29 +84,73 @@ circling = options._gather("built_in", Circle, {
 
 
 @click.command("simulate")
+@click.argument("file", required=False)
 @circling
-@click.option("-p", "--printer", metavar="NAME|FILE", help="Printer profile; else CABSLICE_PRINTER.")
+@click.option("--path", metavar="FILE", help="The .path or .plan of a motor file: errors by layer and feature.")
+@click.option("-p", "--printer", metavar="NAME|FILE",
+              help="Of --circle: printer profile, else CABSLICE_PRINTER. Of FILE: play it on this robot instead.")
 @click.option("-s", "--set", "sets", multiple=True, metavar="TABLE.KEY=VALUE",
-              help="Change one key of the printer, checked like the file. Repeatable.")
-@click.option("--no-pulleys", is_flag=True, help="Cables end at their anchor points, without pulleys or winders.")
+              help="Change one key of the simulated printer, checked like the file. Repeatable.")
+@click.option("--modulus-factor", type=click.FloatRange(0.1, 10), default=1.0, show_default=True,
+              help="The cables of the simulated robot are so much stiffer than FILE takes them to be.")
+@click.option("--mass-factor", type=click.FloatRange(0.1, 10), default=1.0, show_default=True,
+              help="The platform of the simulated robot is so much heavier.")
+@click.option("--no-pulleys", is_flag=True, help="Of --circle: cables end at their anchor points.")
 @click.option("--damping", type=DampingChoice(), default="none", show_default=True,
               help="Of the cables: none, as the profile says, or so that the first mode has this damping ratio.")
+@click.option("--reference", is_flag=True, help="Integrate FILE to 1e-10 mm a step instead of 1e-6 mm.")
+@door.output
 @options.talk
 def simulate(
-    built_in: Circle, printer: str | None, sets: tuple[str, ...], no_pulleys: bool, damping: str | float, talk: Talk
+    file: str | None, built_in: Circle, path: str | None, printer: str | None, sets: tuple[str, ...],
+    modulus_factor: float, mass_factor: float, no_pulleys: bool, damping: str | float, reference: bool,
+    output: Output, talk: Talk,
 ) -> None:
-    """What does the elastic robot really do? Plays a motion on it and tells how far it is from where it should be.
+    """What does the elastic robot really do? Plays FILE (a motor file or a .plan) or a circle on it.
 
-    Cables stretch, damp, and only pull; the platform is a rigid body that turns as it is pulled; the drives are ideal.
-    It starts at rest on the first pose, with the lengths that are commanded there.
+    Tells how far the nozzle is from where it is meant to be. Cables stretch, damp, and only pull; the platform is a
+    rigid body that turns as it is pulled; the drives are ideal. A circle begins at rest on its first pose; a file
+    where its first row holds the platform. -o saves a row for every bead.
     """
-    if built_in.circle is None:
-        raise UsageError("What is to be played? Give --circle RADIUS_MM.")
+    if (file is None) == (built_in.circle is None):
+        raise UsageError("What is to be played? Give FILE or --circle RADIUS_MM.")
+    if file is not None:
+        _file(file, path, Wrong(printer, sets, modulus_factor, mass_factor), damping, reference, output, talk)
+        return
     asked = Asked(printer, sets, no_pulleys, None, None, None, built_in.distribution, None, None, None)
     numbers = _played(asked, built_in, damping, talk)
     robot = asked.robot()
     content = {"ok": True, "command": "simulate", **asked.settings(robot), "damping": damping, "numbers": numbers}
     talk.answer(content, asked.sentence(robot), *_tables(numbers))
+
+
+def _file(
+    file: str, path: str | None, wrong: Wrong, damping: str | float, reference: bool, output: Output, talk: Talk
+) -> None:
+    from cabslice.cli import simulated
+    from cabslice.cli.saved import save
+    from cabslice.simulation import report
+
+    target, talk = door.targets(output, None, f"{Path(file).stem}-errors", talk)
+    film = simulated.opened(file, path)
+    meant, real, profile = simulated.robots(film, wrong)
+    run = simulated.played(film, meant, simulated.plant_of(film, meant, real, profile, damping), reference, talk)
+    numbers = report.numbers(run, film.stream.header, film.path)
+    settings = {"file": Path(file).name, "robot": real.name, "modulus_factor": wrong.modulus, "mass_factor": wrong.mass,
+                "damping": damping, "integrator": "reference" if reference else "fast"}
+    if target:
+        save(target, settings, report.beads(run, film.stream.header, film.path))
+    words = f"{film.title} on {real.name}, {numbers['duration_s']:.1f} s; {_differs(wrong, damping)}"
+    content = {"ok": True, "command": "simulate", **settings, "numbers": numbers}
+    talk.answer(content | ({"output": target.path} if target else {}), words, *simulated.tables(numbers),
+                f"wrote {target.path}" if target else "")
+
+
+def _differs(wrong: Wrong, damping: str | float) -> str:
+    words = [f"{what} {100 * (factor - 1):+.3g} %" for what, factor in (
+        ("modulus", wrong.modulus), ("mass", wrong.mass)) if factor != 1]
+    how = {"none": "no damping", "profile": "damping of the profile"}.get(str(damping), f"damping ratio {damping}")
+    return ", ".join([*words, *wrong.sets, "ideal drives", how])
 
 
 def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) -> dict[str, Any]:
@@ -115,7 +162,7 @@ def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) ->
     motion = built_in.motion(profile.stream.period_ms * 1e-3)
     planned = tensions(robot, motion, built_in.distribution)
     command = commanded(robot, motion, planned)
-    plant = _plant(robot, profile, damping, motion.poses[0], planned[0], command.rows[0, 1])
+    plant = damped(robot, profile, damping, motion.poses[0], planned[0], command.rows[0, 1])
     found = play(plant, command, at_rest(robot, motion.poses[0]))
     slack = (found.tension <= SLACK_N).any(axis=1)
     if slack.any():
@@ -129,7 +176,7 @@ def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) ->
     }
 
 
-def _plant(robot: Robot, profile: Any, damping: str | float, pose: Array, tension: Array, line: Array) -> Plant:
+def damped(robot: Robot, profile: Any, damping: str | float, pose: Array, tension: Array, line: Array) -> Plant:
     import numpy as np
 
     from cabslice.simulation.damping import first_mode, of_profile, of_ratio
