@@ -120,9 +120,10 @@ def test_a_closed_pipe_ends_quietly_in_5():
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
-def test_a_full_disk_behind_stdout_is_5_with_a_sentence():
+@pytest.mark.parametrize("words", [["--help"], ["profile", "list", "--json"], ["check", "nothing.stl", "--json"]])
+def test_a_full_disk_behind_stdout_is_5_with_a_sentence(words):
     with open("/dev/full", "w") as full:
-        ended = subprocess.run([*PYTHON, "--help"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        ended = subprocess.run([*PYTHON, *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 5
     assert "could not be written" in ended.stderr
     assert "Traceback" not in ended.stderr

@@ -118,6 +118,9 @@ def main(arguments: Sequence[str]) -> int:
             return code
         except BrokenPipeError:
             return _closed_pipe()
+        except OSError as full:      # stdout itself cannot be written
+            print(f"The answer could not be written: {full.strerror}.", file=sys.stderr)
+            return _closed_pipe()
 
 
 def _flushed(code: int) -> int:

@@ -174,10 +174,12 @@ def use(name: str, talk: Talk) -> None:
     """Make this the printer when -p and CABSLICE_PRINTER are absent."""
     from cabslice.profile import shelf
 
-    shelf.load_printer(name)
+    printer = shelf.load_printer(name)
     path = shelf.set_default_printer(name)
-    talk.answer({"ok": True, "command": "profile use", "printer": name, "output": str(path)},
-                f"{name} is the printer from now on ({path})")
+    missing = [table for table in shelf.PRINTING if getattr(printer, table) is None]
+    note = f"It cannot print yet: its profile says nothing of {', '.join(missing)}." if missing else ""
+    talk.answer({"ok": True, "command": "profile use", "printer": name, "output": str(path), "missing": missing},
+                f"{name} is the printer from now on ({path})", note)
 
 
 def kind_of(ref: str, given: str | None) -> str:
