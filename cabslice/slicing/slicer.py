@@ -42,7 +42,7 @@ REACH_OUTER = 0.25   # and at the part's surface
 THIN_CORRECTION = 0.15   # share by which the volume of beads in strips may be corrected
 
 COARSE = 0.05        # of the bead: detail of neighbouring layers that does not make a skin
-TOGETHER = 8         # layers whose strips are filled in one go
+TOGETHER = 16         # layers whose strips are filled in one go
 RUN = 48             # layers that one process makes in one go
 
 Progress = Callable[[int, int], None]
