@@ -13,7 +13,8 @@ from typing import Any
 
 from cabslice import errors, pipeline, store
 from cabslice.batch.jobs import Job, Wanted
-from cabslice.errors import CabsliceError
+from cabslice.errors import CabsliceError, ModelError
+from cabslice.motors.formats import FORMATS, format_of
 from cabslice.motors.names import NAMES
 from cabslice.pipeline import Placed, Profiles
 from cabslice.profile import shelf
@@ -60,6 +61,8 @@ def _made(job: Job, folder: Path, resume: bool) -> Record:
 def begin(job: Job) -> Placed | Product:
     """The part on the bed, the path in G-code, or a product, with the profiles of the job."""
     profiles = _profiles(job)
+    if format_of(job.part) is not None:
+        raise ModelError(f"{Path(job.part).name} is a motor file already.", file=Path(job.part).name)
     if store.is_product(job.part):
         product = store.load(job.part)[1]
         if job.profiles[0] == product.origin.printer or isinstance(product, store.Planned):
@@ -81,8 +84,6 @@ def target(job: Job, folder: Path) -> Path:
 
 
 def files(job: Job, folder: Path) -> list[Path]:
-    from cabslice.motors.formats import FORMATS
-
     return FORMATS[job.format].files(target(job, folder))
 
 

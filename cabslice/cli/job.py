@@ -27,6 +27,8 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning
     gcode = Path(file).suffix.lower() in pipeline.GCODE
     if placing.foreign.given and not gcode:
         raise UsageError(f"{file} is no G-code: --mismatch, --gcode-filament-mm and --gcode-origin are for G-code.")
+    if is_motor_file(file):
+        raise UsageError(f"{file} is a motor file already: cabslice convert writes it in another format.")
     if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
         product: Any = _adapted(store.load(file)[1], file, machine, placing)
         tell_profiles(product.origin, talk)
@@ -62,6 +64,13 @@ def _refuse_idle(file: str, machine: Machine) -> None:
             f"{file} is G-code, which {', '.join(idle)} cannot change any more: slice the part again. "
             f"Of process and material only these count here: {', '.join(sorted(OF_GCODE))}."
         )
+
+
+def is_motor_file(file: str) -> bool:
+    """By its first bytes or its sidecar; the G-code of motors looks like that of a slicer."""
+    from cabslice.motors.formats import format_of
+
+    return format_of(file) is not None
 
 
 def printer_name(given: str | None) -> str:

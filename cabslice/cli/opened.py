@@ -41,9 +41,10 @@ def _seen(path: Path, placing: Placing) -> Seen:
 
     if store.is_product(path) or path.suffix.removeprefix(".") in store.KINDS:
         return _product(path)
-    if path.suffix.lower() in pipeline.GCODE:
+    format = format_of(path)
+    if path.suffix.lower() in pipeline.GCODE and format is None:
         return _gcode(path)
-    format = format_of(path) or next((row for row in FORMATS.values() if path.name.endswith(row.suffix)), None)
+    format = format or next((row for row in FORMATS.values() if path.name.endswith(row.suffix)), None)
     return _stream(path, format) if format else _part(path, placing)
 
 

@@ -30,6 +30,10 @@ NAMES = {
         Name("halstreamer", ".hal", "LinuxCNC halstreamer: one line a sample", "halstreamer"),
         Name("csp", ".csp", "CiA 402 cyclic synchronous position: int32 counts", "csp"),
         Name("odrive", ".odrive", "ODrive: payloads of Set_Input_Pos, 8 bytes an axis", "odrive"),
+        Name("reprap", ".reprap.gcode", "RepRapFirmware G-code with the motors as axes, and its config.g", "reprap",
+             b"; cabslice motor angles for RepRapFirmware\n"),
+        Name("klipper", ".klipper.gcode", "Klipper G-code with the motors as axes, and its printer.cfg", "klipper",
+             b"; cabslice motor angles for Klipper\n"),
         Name("parquet", ".parquet", "Apache Parquet columns (needs pyarrow)", "parquet", b"PAR1"),
     )
 }

@@ -9,7 +9,8 @@ The sidecar, JSON with sorted keys:
     header    that of the stream                                    sha256   of this JSON without the key sha256
 
 What a table leaves out follows on reading from what it holds, by the definitions of motors.stream: velocity and
-acceleration are differences of the angle, feed those of the filament, tension is what the torque leaves for the cable.
+acceleration are differences of the angle, feed those of the filament, tension is what the torque leaves for the cable
+(or the torque what tension and motion ask for).
 """
 
 from __future__ import annotations
@@ -207,7 +208,7 @@ def _blocks(table: Table, path: Path, content: dict[str, Any]) -> Iterator[Block
     header = content["header"]
     known, raw = _known(table, header), _raw(table, path, content)
     missing = [name for name in DERIVED if name not in known]
-    winders = machine.winders_of(header) if "tension" in missing else None
+    winders = machine.winders_of(header) if {"tension", "torque"} & set(missing) else None
     for rows in neighbours(raw):
         yield completed(rows, missing, float(header["period_s"]), winders)
 
@@ -260,8 +261,10 @@ def completed(rows: Rows, missing: list[str], period_s: float, winders: Any) -> 
         new["velocity"] = velocity
     if "feed" in missing:
         new["feed"] = differences(before.filament, block.filament, after.filament, period_s)[0]
+    speed = new.get("velocity", block.velocity)
+    if "torque" in missing:
+        new["torque"] = machine.torque(winders, block.angle, speed, acceleration, block.tension)
     if "tension" in missing:
-        speed = new.get("velocity", block.velocity)
         new["tension"] = machine.tension(winders, block.angle, speed, acceleration, block.torque)
     return replace(block, **new)
 
