@@ -78,6 +78,10 @@ class Process(Table):
     outer_bead_mm: float = Field(gt=0.05, le=20, description="bead width of the outer wall")
     first_bead_mm: float = Field(gt=0.05, le=20, description="bead width in the first layer")
     walls: int = Field(ge=0, le=1000, description="number of walls")
+    spiral: bool = Field(
+        default=False,
+        description="a vase: over the bottom layers one wall that rises without a stop, no infill, no top",
+    )
     outer_wall_first: bool = Field(default=False, description="outer walls are laid before the inner ones beside them")
     seam: Literal["aligned", "rear", "nearest", "random", "hidden"] = Field(
         default="aligned",

@@ -27,6 +27,7 @@ from cabslice.slicing.parallel import in_order
 from cabslice.slicing.patterns import Sparse
 from cabslice.slicing.region import Region, from_rings, to_polygons
 from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
+from cabslice.slicing.spiral import floors, spiral_wall, vase
 from cabslice.slicing.stand import with_stand
 from cabslice.slicing.support import plan_support
 from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
@@ -72,6 +73,7 @@ def slice_part(
     beads (a gap between bodies) come too. The runs, and so the layers, are the same for any `jobs`. Raises ModelError
     at the end if no layer has a bead of the part.
     """
+    process = vase(process) if process.spiral else process
     heights = layer_heights(float(part.vertices[:, 2].max()), process.first_layer_mm, process.layer_mm)
     layers = _part_layers(part, heights, process, nozzle_mm, progress, jobs)
     asked = process.support
@@ -177,6 +179,9 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
     outer = process.first_bead_mm if first else process.outer_bead_mm
     filling = Filling(inner, height, process.infill_overlap * inner, THINNEST * nozzle)
     beads = BeadList()
+    if process.spiral and near.index >= floors(process):
+        beads.add_rings(spiral_wall(near.outline, outer, float(heights.top[near.index])), outer, Role.OUTER_WALL)
+        return _RawLayer(near.index, near.outline, filling, outer, beads, [])
     widths = tuple(outer if k == 0 else inner for k in range(process.walls))
     levels, inside = walls(near.outline, widths, height, filling.thinnest_mm, filling.spacing_mm)
     strips: list[_Strip] = []

@@ -17,9 +17,11 @@ from cabslice.errors import ModelError
 from cabslice.profile.material import Material
 from cabslice.profile.process import Process, Retraction
 from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.spiral import floors
 from cabslice.toolpath.events import events_of
 from cabslice.toolpath.path import RESTS, Events, Toolpath, bead_area, piece_starts
 from cabslice.toolpath.sequence import Drawn, draw_layer
+from cabslice.toolpath.spiral import blended, divided, drawn_ring, flat, rise, spiral_ring
 from cabslice.toolpath.travel import SAME_PLACE, Travels, coasted, travels
 
 SPEED_OF = {
@@ -39,6 +41,7 @@ class _Nozzle:
     xyz: Array | None = None
     layer: int = 0
     seams: Array = field(default_factory=lambda: np.empty((0, 2)))
+    ring: Array | None = None        # (N, 2) the last of a spiral
 
 
 def lay_toolpath(
@@ -55,12 +58,18 @@ def lay_toolpath(
     rests: dict[int, int] = {}
     rows = 0
     for layer in layers:
-        if len(layer.beads.role):
-            drawn, nozzle.seams = _draw(layer, nozzle, process)
-            if len(drawn.role):
-                blocks.append(_moves(drawn, layer, nozzle, process, area, first=not blocks))
-                rests[layer.index] = rows + _rest(blocks[-1], first=not rows)
-                rows += len(blocks[-1]["role"])
+        if process.spiral and layer.index >= floors(process) + process.raft.layers:
+            made = [_wind(layer, nozzle, process, area)]
+            spiral = layer
+        else:
+            made = _flat(layer, nozzle, process, area, first=not blocks)
+        for block in made:
+            rests[layer.index] = rows + _rest(block, first=not rows)
+            rows += len(block["role"])
+            blocks.append(block)
+    if nozzle.ring is not None:
+        blocks.append(_wind(spiral, nozzle, process, area, last=True))
+        rows += len(blocks[-1]["role"])
     if not blocks:
         raise ModelError(
             f"{source or 'the part'}: no layer holds a bead; expected a part at least one bead wide and one layer high"
@@ -71,6 +80,40 @@ def lay_toolpath(
         **columns, object=np.zeros(rows, np.int32), starts=_pieces(columns["xyz"], events), events=events,
         filament_diameter_mm=filament_diameter_mm, source=source,
     )
+
+
+def _flat(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, first: bool) -> list[dict[str, Array]]:
+    """The rows of a layer, if it has any."""
+    if not len(layer.beads.role):
+        return []
+    drawn, nozzle.seams = _draw(layer, nozzle, process)
+    return [_moves(drawn, layer, nozzle, process, area, first=first)] if len(drawn.role) else []
+
+
+def _wind(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, last: bool = False) -> dict[str, Array]:
+    """The rows of a ring of a spiral; `last`: of the one that levels the rim."""
+    assert nozzle.xyz is not None
+    below, here = nozzle.ring, nozzle.xyz
+    points = spiral_ring(layer.beads, here[:2], f"the layer at z = {layer.z_mm:.2f} mm")
+    nozzle.ring = points
+    if below is not None:
+        points = blended(points, below, here[:2])
+    if below is None or last:
+        points = divided(points)
+    ground = layer.z_mm - layer.height_mm if below is None else float(here[2])
+    rows = _moves(drawn_ring(points, layer), flat(layer, ground), nozzle, process, area, first=False)
+    rise(rows, points, layer, first=below is None, last=last)
+    _feed(rows, here, area)
+    nozzle.xyz = rows["xyz"][-1]
+    return rows
+
+
+def _feed(rows: dict[str, Array], start: Array, area: float) -> Array:
+    """Gives beads their filament; returns the lengths (N,) of the rows, mm, from `start` (3,) on."""
+    long = np.linalg.norm(np.diff(rows["xyz"], axis=0, prepend=start[None]), axis=1)
+    laid = rows["role"] != Role.TRAVEL
+    rows["filament"][laid] = (bead_area(rows["width"], rows["height"]) * long)[laid] / area
+    return long
 
 
 def _pieces(xyz: Array, events: Events) -> Array:
@@ -132,10 +175,7 @@ def _moves(
     _put_travels(rows, way, offset, before, heads, z_from, z, process)
     if way.retracted[0]:
         rows["layer"][:max(int(way.wipe_starts[1]), 1)] = nozzle.layer
-    start = rows["xyz"][:1] if nozzle.xyz is None else nozzle.xyz[None]
-    long = np.linalg.norm(np.diff(rows["xyz"], axis=0, prepend=start), axis=1)
-    laid = rows["role"] != Role.TRAVEL
-    rows["filament"][laid] = (bead_area(rows["width"], rows["height"]) * long)[laid] / area
+    long = _feed(rows, rows["xyz"][0] if nozzle.xyz is None else nozzle.xyz, area)
     nozzle.xyz, nozzle.layer = rows["xyz"][-1], layer.index
     useful = (long > 0) | (rows["filament"] != 0)
     useful[0] |= first
