@@ -9,10 +9,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from slicing_kit import region_of, ring_area, shape_of, shapes
 
+from cabslice.slicing.bridges import bridge_angle
 from cabslice.slicing.flow import bead_area, bead_spacing, bead_width
 from cabslice.slicing.infill import even_lines, fixed_lines
 from cabslice.slicing.region import Region, contains, difference, offset, opening, to_rings, union
-from cabslice.slicing.surfaces import RunningIntersection, Window, bridge_angle, divide, neighbours
+from cabslice.slicing.surfaces import RunningIntersection, Window, divide, neighbours
 from cabslice.slicing.thin import Strips, strip_area, thin_lines, thin_out
 from cabslice.slicing.walls import walls
 

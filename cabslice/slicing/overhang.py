@@ -15,6 +15,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.profile.stand import Support
+from cabslice.slicing.bridges import bridge_angle
 from cabslice.slicing.infill import fixed_lines
 from cabslice.slicing.region import (
     Region,
@@ -28,7 +29,6 @@ from cabslice.slicing.region import (
     to_rings,
     union,
 )
-from cabslice.slicing.surfaces import bridge_angle
 
 FINE = 0.005     # mm: less than this is no overhang
 TOUCH = 0.05     # mm: overhangs this near to each other are one patch
@@ -83,7 +83,7 @@ def _overhang(
 
 
 def unbridged(piece: Region, below: Region, longest: float, bead: float) -> Region:
-    """What of an overhang lines in the direction of its bridge (surfaces.bridge_angle) do not span.
+    """What of an overhang lines in the direction of its bridge (bridges.bridge_angle) do not span.
 
     A line spans where both its ends lie on the layer below and it is not longer than `longest` (mm).
     """

@@ -18,6 +18,7 @@ from cabslice.errors import ModelError
 from cabslice.profile.process import Process
 from cabslice.slicing.adhesion import hull_below
 from cabslice.slicing.beads import BeadList
+from cabslice.slicing.bridges import bridge_angle
 from cabslice.slicing.compensate import compensated
 from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
 from cabslice.slicing.flow import bead_width
@@ -30,7 +31,7 @@ from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
 from cabslice.slicing.spiral import floors, spiral_wall, vase
 from cabslice.slicing.stand import with_stand
 from cabslice.slicing.support import plan_support
-from cabslice.slicing.surfaces import Neighbours, Window, bridge_angle, divide, neighbours
+from cabslice.slicing.surfaces import Neighbours, Window, divide, neighbours
 from cabslice.slicing.thin import Strips, segment_widths, strip_area, thin_lines
 from cabslice.slicing.walls import Inside, walls
 

@@ -12,19 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain, repeat
 
-import numpy as np
-
-from cabslice.arrays import Array
-from cabslice.slicing.region import (
-    Region,
-    contains,
-    difference,
-    following,
-    intersection,
-    offset,
-    opening,
-    to_rings,
-)
+from cabslice.slicing.region import Region, difference, intersection, offset, opening
 
 
 @dataclass(frozen=True)
@@ -143,29 +131,3 @@ def _patches(shown: Region, bead: float) -> Region:
 
 def _grown(patch: Region, distance: float, inside: Region) -> Region:
     return patch if patch.is_empty() else intersection(offset(patch, distance), inside)
-
-
-def bridge_angle(bridge: Region, below: Region, reach_mm: float, fallback: float) -> float:
-    """Direction (rad) in which lines over air are held best: it meets most of the bridge's edge that lies on the layer
-    below head-on, and least of the edge that hangs free.
-
-    reach_mm is how far beyond the edge the layer below is looked for. Without any hold: the fallback.
-    """
-    points, starts = to_rings(offset(bridge, reach_mm))
-    if not len(points):
-        return fallback
-    ahead = points[following(starts)]
-    held = contains(*to_rings(below), (points + ahead) / 2)
-    if not held.any() or held.all():
-        return fallback if not held.any() else _shortest_span(points)
-    along = ahead - points
-    angles = np.radians(np.arange(0, 180, 5))
-    met = np.abs(np.sin(angles)[:, None] * along[:, 0] - np.cos(angles)[:, None] * along[:, 1])
-    return float(angles[np.argmax(np.round(met @ np.where(held, 1.0, -1.0), 6))])
-
-
-def _shortest_span(points: Array) -> float:
-    """Direction in which the points extend least."""
-    angles = np.radians(np.arange(0, 180, 5))
-    extent = np.ptp(points @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
-    return float(angles[np.argmin(np.round(extent, 6))])
