@@ -32,6 +32,7 @@ from cabslice.profile.material import Material
 from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
 from cabslice.robot.model import Robot, robot_from_printer
+from cabslice.robot.usable import usable
 from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.sections import NO_MODIFIERS, Modifiers
 from cabslice.store import Laid, Origin, Planned, Product, Sliced
@@ -403,7 +404,8 @@ def period_of(product: Product) -> float:
 
 
 def robot_of(product: Placed | Product) -> Robot:
-    return robot_from_printer(profiles_of(product.origin).printer)
+    """The robot as it may be used: no tension above what its motors hold."""
+    return usable(robot_from_printer(profiles_of(product.origin).printer))
 
 
 def stream_header(plan: Planned, verdict: Verdict, period_s: float, *, extrude: bool = True) -> dict[str, Any]:

@@ -133,9 +133,41 @@ def test_the_audit_passes_what_was_planned_and_the_motion_is_fast(seed):
     trajectory = planned(toolpath)
     verdict = judged(trajectory, toolpath, step_s=5e-4)
     assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    assert verdict.margins["feature_speed_share"] > 0.95
+    assert verdict.margins["motor_speed_share"] > 0.5          # no cap on acceleration: what the motors take up counts
+    free = replace(ROBOT, winders=None)
+    trajectory = plan(toolpath, free, PRINTER, MATERIAL, PROCESS)
+    assert audit(trajectory, toolpath, free, PRINTER, MATERIAL, PROCESS, step_s=5e-4).ok
     accels = sample(trajectory, np.linspace(0, trajectory.duration, 20_000)).accels
     assert np.linalg.norm(accels, axis=1).max() > 2e4          # many times what a safe-everywhere acceleration allows
-    assert verdict.margins["feature_speed_share"] > 0.95
+
+
+def test_stretch_that_the_motors_cannot_take_up_is_seen_and_cured_by_slowing():
+    """Accelerations that cables and tensions bear, ramped in a millisecond: the motors would have to jump."""
+    toolpath = print_like(0)
+    hasty = replace(plan(toolpath, replace(ROBOT, winders=None), PRINTER, MATERIAL, PROCESS), window=1e-3)
+    verdict = judged(hasty, toolpath)
+    found = {finding.code: finding for finding in verdict.findings}
+    assert {"motor-speed"} <= set(found) <= {"motor-speed", "motor-torque", "tension", "feature-speed", "speed"}
+    assert found["motor-speed"].limit == ROBOT.winders.max_speed[0]
+    assert "motor" in found["motor-speed"].sentence
+    assert planner.plan(toolpath, ROBOT, PRINTER, MATERIAL, PROCESS).duration < 1.5 * hasty.duration
+
+
+def test_motor_speeds_of_the_audit_are_those_of_the_motor_file():
+    from cabslice.motors.stream import make_stream
+
+    toolpath = print_like(0, turns=2)
+    trajectory = planned(toolpath)
+    blocks = list(make_stream(trajectory, ROBOT, period_s=2.5e-4, header={}))
+    fastest = max(np.abs(block.velocity / ROBOT.winders.max_speed).max() for block in blocks)
+    margins = judged(trajectory, toolpath, step_s=2.5e-4).margins
+    assert margins["motor_speed_share"] == pytest.approx(fastest, rel=1e-2)
+    heat = np.sqrt(sum((block.torque**2).sum(axis=0) for block in blocks) / sum(map(len, blocks)))
+    assert margins["motor_heat_share"] == pytest.approx((heat / ROBOT.winders.continuous_torque).max(), rel=3e-3)
+    slower = make_stream(trajectory, ROBOT, period_s=2e-3, header={})
+    torque = max(np.abs(block.torque / ROBOT.winders.peak_torque).max() for block in slower)
+    assert 0.95 * torque < judged(trajectory, toolpath).margins["motor_torque_share"] < 3 * torque
 
 
 @given(st.integers(0, 10_000), st.integers(2, 30))

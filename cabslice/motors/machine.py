@@ -19,6 +19,7 @@ from cabslice.errors import ProductError
 from cabslice.robot import kinematics, winder
 from cabslice.robot.model import NEWTON, Robot, WinderColumns, robot_from_printer
 from cabslice.robot.rotation import matrix
+from cabslice.robot.usable import usable
 
 PLACES, MARGIN = 256, 1.05
 CREEP = 1e-3          # rad/s below which friction is faded in
@@ -77,7 +78,7 @@ def robot_of(header: Mapping[str, Any]) -> Robot:
     told = header.get("profiles", {}).get("printer", {}).get("sha256")
     if told not in (None, shelf.profile_hash(printer)):
         raise ProductError("The printer in the motor file is not the one its hash names: export it again.")
-    return robot_from_printer(printer)
+    return usable(robot_from_printer(printer))
 
 
 def torque(winders: WinderColumns, angle: Array, velocity: Array, acceleration: Array, tension: Array) -> Array:

@@ -19,8 +19,11 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
+from cabslice.robot.kinematics import lengths
 from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.tension import unmeasured
+from cabslice.robot.usable import usable_tension_max
+from cabslice.robot.winder import motor_angles, transmission
 from cabslice.robot.wrench import wrench_matrix
 from cabslice.timing.trajectory import Trajectory, sample
 from cabslice.toolpath.path import EventKind, Toolpath
@@ -33,12 +36,13 @@ PLACE_MM = 1e-6
 FINER = 8
 CURED_BY_SLOWING = {
     "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
+    "motor-speed", "motor-torque",
 }
 Progress = Callable[[int, int], None]
 
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
-         "missed": "", "dwell": "s"}
+         "missed": "", "dwell": "s", "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m"}
 
 
 @dataclass
@@ -47,6 +51,8 @@ class Worst:
 
     seen: dict[str, tuple[float, float, float, float, int, int]] = field(default_factory=dict)
     vertices: int = 0      # passed so far
+    squares: Array | float = 0.0     # (m,) sum of motor torque^2 over `rows` samples, (N m)^2
+    rows: int = 0
     broken: list[tuple[Array, Array]] = field(default_factory=list)   # times and shares above 1 that slowing down cures
 
     def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
@@ -65,6 +71,7 @@ class Worst:
 
     def merge(self, other: Worst) -> None:
         self.vertices += other.vertices
+        self.squares, self.rows = self.squares + other.squares, self.rows + other.rows
         self.broken += other.broken
         for code, entry in other.seen.items():
             if code not in self.seen or not entry[0] <= self.seen[code][0]:
@@ -111,6 +118,7 @@ def examine(
                 progress(done + 1, len(blocks))
     worst.merge(_ends(subject))
     _coverage(subject, worst)
+    _heat(subject, worst)
     times, shares = (np.concatenate([found[k] for found in worst.broken] or [np.zeros(0)]) for k in (0, 1))
     return _verdict(subject, worst, blocks[-1][1] if blocks else 0), times, shares
 
@@ -122,18 +130,21 @@ def _blocks(duration: float, step: float) -> Iterator[tuple[int, int]]:
 
 
 def _judge(subject: Subject, first: int, last: int) -> Worst:
-    """Rows first..last-1 of the even times, with one neighbour on each side."""
+    """Rows first..last-1 of the even times, with two neighbours on each side: the outer ones for the motors alone."""
     step, toolpath = subject.step, subject.toolpath
-    times = np.arange(first - 1, last + 1) * step
+    times = np.arange(first - 2, last + 2) * step
     seen = sample(subject.trajectory, times)
-    place, move = seen.poses[:, :3], seen.move
+    place = seen.poses[:, :3]
     accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
-    worst, now, at = Worst(), times[1:-1], move[1:-1]
+    worst = Worst()
+    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses[1:-1], accel)
+    _motors(subject, worst, times[2:-2], seen.move[2:-2], seen.poses[1:-1], tension)
+    times, place, move, fed, accel = times[1:-1], place[1:-1], seen.move[1:-1], seen.filament[1:-1], accel[1:-1]
+    now, at = times[1:-1], move[1:-1]
     around = np.stack((move[:-2], move[1:-1], move[2:]))
     stride = np.linalg.norm(np.diff(place, axis=0), axis=1) / step
     _kinematic(subject, worst, now, at, around, np.maximum(stride[1:], stride[:-1]), accel)
-    _feeding(subject, worst, now, at, around, seen.filament)
-    _cables(subject, worst, now, at, seen.poses[1:-1], accel)
+    _feeding(subject, worst, now, at, around, fed)
     place = place - subject.trajectory.to_pose
     off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
@@ -170,22 +181,56 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
     worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
 
 
-def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> None:
-    """Tensions that hold the platform on the motion exist within the bounds: found, then verified on the spot."""
+def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> Array:
+    """Tensions (K, m) that hold the platform on the motion exist within the bounds: found, then verified on the spot;
+    nan where not."""
     robot = subject.robot
     force = robot.mass * (accel - robot.gravity) * NEWTON                  # the platform is level and does not turn
     required = np.hstack((force, np.cross(robot.centre_of_mass, force)))
     wrench, free = wrench_matrix(robot, poses), robot.freedoms
-    bounds = robot.tension_min, robot.tension_max, robot.tension_reference
+    highest = usable_tension_max(robot)
+    bounds = robot.tension_min, highest, robot.tension_reference
     found = unmeasured(wrench[:, free], required[:, free], *bounds)
     supplied = np.einsum("kfm,km->kf", wrench, np.nan_to_num(found.tension))
     arm = max(float(np.abs(robot.attachments).max()), 1.0)
     missing = np.abs(supplied - required) / np.where(np.arange(6) < 3, 1.0, arm)
     held = found.feasible & (missing[:, free] <= BALANCE * robot.tension_max.max()).all(axis=1)
-    half, middle = (robot.tension_max - robot.tension_min) / 2, (robot.tension_max + robot.tension_min) / 2
+    half, middle = (highest - robot.tension_min) / 2, (highest + robot.tension_min) / 2
     share = np.where(held[:, None], np.abs(found.tension - middle) / half, np.inf)
     for cable in range(robot.cables):
         worst.see("tension", share[:, cable], np.ones(len(now)), now, at, cable + 1)
+    return np.where(held[:, None], found.tension, np.nan)
+
+
+def _motors(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, tension: Array) -> None:
+    """Speed and torque of the motors by differences of their angles at poses (K + 2, 6) under tension (K + 2, m), the
+    take-up of what the cables stretch included; rows without tensions were found already."""
+    robot, winders, step = subject.robot, subject.robot.winders, subject.step
+    known: Array = np.isfinite(tension.sum(axis=1))
+    whole = known[2:] & known[1:-1] & known[:-2]
+    if winders is None or not whole.any():
+        return
+    pull = np.where(known[:, None], tension, robot.tension_reference)
+    angle = motor_angles(robot, lengths(robot, poses), pull)
+    speed = (angle[2:] - angle[:-2])[whole] / (2 * step)
+    spin = (angle[2:] - 2 * angle[1:-1] + angle[:-2])[whole] / step**2
+    torque = transmission(winders, angle[1:-1][whole]) * pull[1:-1][whole]
+    torque = (torque + winders.inertia * spin * NEWTON + winders.friction * np.sign(speed)) * 1e-3
+    for cable in range(robot.cables):
+        limits = winders.max_speed[cable], winders.peak_torque[cable] * 1e-3
+        for code, value, limit in zip(("motor-speed", "motor-torque"), (speed, torque), limits, strict=True):
+            worst.see(code, np.abs(value[:, cable]), np.full(len(value), limit), now[whole], at[whole], cable + 1)
+    worst.squares, worst.rows = worst.squares + np.einsum("km,km->m", torque, torque), worst.rows + len(torque)
+
+
+def _heat(subject: Subject, worst: Worst) -> None:
+    """The root-mean-square torque of each motor over the whole print."""
+    if subject.robot.winders is None or not worst.rows:
+        return
+    last = np.array([len(subject.toolpath.xyz) - 1])
+    for cable, square in enumerate(np.atleast_1d(worst.squares)):
+        most = subject.robot.winders.continuous_torque[[cable]] * 1e-3
+        worst.see("motor-heat", np.sqrt([square / worst.rows]), most, np.zeros(1), last, cable + 1)
 
 
 def distance_to_path(toolpath: Toolpath, xyz: Array, move: Array) -> Array:
@@ -276,7 +321,19 @@ SENTENCES = {
     "filament": "filament was lost",
     "missed": "a part of the toolpath is not passed",
     "dwell": "a pause that was asked for is missing",
+    "motor-speed": "a motor turns faster than it may, winding and taking up the stretch of its cable",
+    "motor-torque": "a motor gives more than its peak torque",
+    "motor-heat": "a motor gives more than its continuous torque in the mean of squares over the print",
     "rest": "a piece does not start and end at rest",
+}
+
+
+UNKEPT = "report this: the plan should have kept it"
+ADVICE = {
+    "tension": "lower motion.max_acceleration_mm_s2, or move the part towards the middle of the bed",
+    "motor-speed": "lower motion.max_acceleration_mm_s2, or raise motion.smoothing_ms",
+    "motor-torque": "lower motion.max_acceleration_mm_s2, or raise motion.smoothing_ms",
+    "motor-heat": "lower cables.reference_tension_n, or use motors of more continuous_torque_n_m",
 }
 
 
@@ -294,8 +351,7 @@ def _finding(subject: Subject, code: str, entry: tuple[float, float, float, floa
     layer = int(subject.toolpath.layer[move])
     x, y, z = (float(number) for number in subject.toolpath.xyz[move])
     unit = UNITS[code] if code != "tension" else "of the range"
-    named = f" (cable {cable})" if cable else ""
+    named = f" ({'motor' if code.startswith('motor') else 'cable'} {cable})" if cable else ""
     sentence = (f"layer {layer}: {SENTENCES[code]}{named} at {time:.3f} s, nozzle near x {x:.1f} y {y:.1f} "
                 f"z {z:.1f} mm: {value:.4g}, limit {limit:.4g} {unit}")
-    advice = "report this: the plan should have kept it"
-    return Finding(code, layer, (x, y, z), cable, value, limit, unit, sentence, advice)
+    return Finding(code, layer, (x, y, z), cable, value, limit, unit, sentence, ADVICE.get(code, UNKEPT))

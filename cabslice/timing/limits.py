@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.errors import ImpossibleError
 from cabslice.robot.kinematics import length_accelerations
-from cabslice.robot.model import NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot, nozzle_poses
 from cabslice.robot.reach import tension_rows
+from cabslice.robot.usable import TORQUE_SHARE, take_up, usable_tension_max
 from cabslice.robot.winder import transmission_bounds
 from cabslice.robot.wrench import required_wrench, wrench_matrix
 from cabslice.timing.grid import Grid
@@ -26,7 +26,8 @@ from cabslice.timing.path import Path
 from cabslice.toolpath.path import Toolpath
 
 RESERVE = 0.03          # share of every dynamic range kept back for what happens between two nodes
-TORQUE_SHARE = 0.05     # share of the continuous torque kept for turning the winders themselves
+LEAST_ROOM = 0.25       # share of a motor's speed that taking up stretch may use even where the nozzle may be very fast
+SHORTEST_RAMP = 1e-3    # s in which acceleration is taken to ramp where it is not averaged
 NO_SPEED_LIMIT = 1e12   # mm^2/s^2
 
 
@@ -96,21 +97,18 @@ def _tension(robot: Robot, nodes: Nodes) -> Block:
     along_x = required_wrench(robot, nodes.poses, nodes.d1, nodes.d2) - base
     return tension_rows(
         wrench_matrix(robot, nodes.poses)[:, free], base[:, free], along_u[:, free], along_x[:, free],
-        robot.tension_min, highest_tension(robot))
+        robot.tension_min, usable_tension_max(robot))
 
 
-def highest_tension(robot: Robot) -> Array:
-    """(m,) N: the bound of the cable, or if that is less what the motor holds for ever on its longest lever."""
-    if robot.winders is None:
-        return robot.tension_max
-    winders = robot.winders
-    torque = winders.continuous_torque * (1 - TORQUE_SHARE) - winders.friction
-    most = np.minimum(robot.tension_max, torque / transmission_bounds(winders)[1])
-    if (most <= robot.tension_min).any():
-        cable = int(np.argmin(most - robot.tension_min)) + 1
-        raise ImpossibleError(f"cable {cable}: its motor cannot hold the least tension: {most[cable - 1]:.3g} N"
-                              f" for ever on its longest lever, at least {robot.tension_min[cable - 1]:.3g} N needed")
-    return most
+def take_up_cap(robot: Robot, limits: Limits, xyz: Array) -> float:
+    """mm/s^2 per axis: averaged over the window, accelerations up to it stretch the cables no faster than the motors
+    take up beside the greatest nozzle speed. xyz (K, 3) places of the nozzle."""
+    if robot.winders is None or not len(xyz):
+        return np.inf
+    fastest = winding_caps(robot)[1]
+    room = np.maximum(fastest - limits.speed, LEAST_ROOM * fastest)
+    swing = take_up(robot, nozzle_poses(robot, xyz)).max(axis=0)
+    return float((room / swing).min() * max(limits.window, SHORTEST_RAMP) / 2)
 
 
 def winding_caps(robot: Robot) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
 from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.usable import usable_tension_max
 from cabslice.timing.grid import Grid, lay_grid
-from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_tension, highest_x, limits_of, speed_limit
+from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit, take_up_cap
 from cabslice.timing.path import DEVIATION, Path, evaluate, smooth, to_corners
 from cabslice.timing.recursion import widened
 from cabslice.timing.rules import Rules, rules_for
@@ -33,6 +34,7 @@ PART_OF_CORNER = 0.98      # of the corner tolerance that is used; the audit mea
 LEAST_BLEND = 0.5          # of that part is left to blends, however long the window
 GENTLE = 0.02              # |d1 - d0| of a vertex that averaging cuts by nothing worth looking at
 NEAR, CAUTION = 0.5, 0.95   # mm around a corner (and as far as half a window reaches) with this share of what it stands
+PLACES = 200               # of the path, at which the cables' take-up is looked at
 Progress = Callable[[int, int], None]
 
 
@@ -90,6 +92,8 @@ def plan(
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
     limits = limits_of(printer, material)
+    places = toolpath.xyz[:: len(toolpath.xyz) // PLACES + 1]
+    limits = replace(limits, acceleration=min(limits.acceleration, take_up_cap(robot, limits, places)))
     corner_mm = PART_OF_CORNER * process.corner_mm
     blend_mm, bend = shared_corner(limits, corner_mm)
     path = smooth(toolpath, blend_mm)
@@ -230,7 +234,7 @@ def _cannot_rest(task: Task, block: Block, margin: Array) -> ImpossibleError:
     row = block.move[[worst]]
     layer = int(task.toolpath.layer[row[0]])
     x, y, z = (float(value) for value in evaluate(task.path, row, block.sigma[[worst]]).q[0])
-    most = highest_tension(task.robot)
+    most = usable_tension_max(task.robot)
     held = f" (the motors hold {most.min():.1f} N for ever)" if (most < task.robot.tension_max).any() else ""
     sentence = (f"layer {layer}: no cable tensions within bounds{held} hold the platform with the nozzle near "
                 f"x {x:.1f} y {y:.1f} z {z:.1f} mm")

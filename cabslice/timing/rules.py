@@ -13,15 +13,8 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import UsageError
 from cabslice.robot.model import Robot
-from cabslice.timing.limits import (
-    RESERVE,
-    Limits,
-    Nodes,
-    highest_tension,
-    rows,
-    winder_speed_x,
-    winding_caps,
-)
+from cabslice.robot.usable import usable_tension_max
+from cabslice.timing.limits import RESERVE, Limits, Nodes, rows, winder_speed_x, winding_caps
 
 CELL = 10.0      # mm
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)] + [[0.5, 0.5, 0.5]])
@@ -45,7 +38,7 @@ class CompiledRules:
 
         winding, speed = winding_caps(robot)
         self.kernel, self.limits = kernel, limits
-        self.columns = kernel.columns(robot, highest_tension(robot), winding, speed, limits.acceleration,
+        self.columns = kernel.columns(robot, usable_tension_max(robot), winding, speed, limits.acceleration,
                                       limits.feed_acceleration, 1 - RESERVE)
         self.cells: dict[tuple[int, ...], bool] = {}
 
