@@ -83,3 +83,12 @@ def write_stl(path, mesh):
     rows["corners"] = corners
     path.write_bytes(bytes(80) + np.uint32(len(rows)).tobytes() + rows.tobytes())
     return path
+
+
+def farthest(shape, beads, step=0.1):
+    """How far a point of a shape may be from the beads: looked for on a grid."""
+    x0, y0, x1, y1 = shape.bounds
+    x, y = np.meshgrid(np.arange(x0 + step / 2, x1, step), np.arange(y0 + step / 2, y1, step))
+    inside = shapely.contains_xy(shape, x.ravel(), y.ravel())
+    points = shapely.points(x.ravel()[inside], y.ravel()[inside])
+    return float(shapely.distance(points, beads).max()) if len(points) else 0.0

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from slicing_kit import joined, prism, prisms, shapes
-from support_kit import gate, laid, layers_of, leaning, lines, outline, supported, table
+from support_kit import farthest, gate, laid, layers_of, leaning, lines, outline, supported, table
 
 from cabslice.mesh.load import load_mesh
 from cabslice.mesh.place import place
@@ -62,7 +62,7 @@ def test_gaps_to_the_part_and_contact(xy, z, pattern):
     top = layers[supported(layers)[-1]]
     assert top.z_mm == pytest.approx(4.0 - HEIGHT * np.ceil(z / HEIGHT - 1e-9))
     under = shapely.box(-10, -10, 10, 10) - shapely.box(-2 - xy, -2 - xy, 2 + xy, 2 + xy)
-    assert under.hausdorff_distance(laid(top)) < BEAD / 0.75 + 0.1        # the interface's line spacing
+    assert farthest(under, laid(top)) < BEAD / 0.75 / 2                 # half the interface's line spacing
     assert supported(layers) == list(range(top.index + 1))
 
 

@@ -9,10 +9,21 @@ from pydantic import Field
 from cabslice.profile.printer import Table
 
 
+class Tree(Table):
+    """The branches of tree support."""
+
+    branch_angle_deg: float = Field(default=40.0, ge=0, le=70, description="how far they lean from the vertical")
+    tip_mm: float = Field(default=0.8, gt=0, le=100, description="how thick they end at the top; at least a bead")
+    tip_distance_mm: float = Field(default=3.0, gt=0.1, le=1000, description="from tip to tip")
+    taper_deg: float = Field(default=5.0, ge=0, le=45, description="slope of their sides: they grow thicker downwards")
+    thickest_mm: float = Field(default=8.0, gt=0, le=1000, description="no branch is thicker than this")
+
+
 class Support(Table):
     """Material that holds up what would otherwise be laid over air."""
 
-    kind: Literal["none", "straight"] = Field(default="none", description="none, or straight columns")
+    kind: Literal["none", "straight", "tree"] = Field(
+        default="none", description="none; straight columns; or branches that meet on their way down")
     overhangs: Literal["all", "enforced"] = Field(
         default="all", description="which overhangs: all beyond angle_deg, or only what a --support-enforcer touches")
     where: Literal["everywhere", "bed"] = Field(
@@ -39,6 +50,7 @@ class Support(Table):
     bottom_interface_layers: int = Field(
         default=0, ge=0, le=1000, description="denser layers where support stands on the part")
     interface_density: float = Field(default=0.75, gt=0, le=1, description="share of those layers that is filled")
+    tree: Tree = Tree()
 
 
 class Brim(Table):

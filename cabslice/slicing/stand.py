@@ -15,13 +15,14 @@ from cabslice.profile.stand import Support
 from cabslice.slicing.adhesion import brim, raft_height, raft_layers, raft_region, skirt
 from cabslice.slicing.beads import BeadList, beside
 from cabslice.slicing.flow import bead_spacing
-from cabslice.slicing.infill import fixed_lines
+from cabslice.slicing.infill import even_lines, fixed_lines
 from cabslice.slicing.layer import Layer, Polygons, Role
 from cabslice.slicing.region import Region, difference, from_rings, offset, union
 from cabslice.slicing.support import Standing
 
 LINK = 1.5       # distances of support lines, along the edge of support, up to which they are linked
 HOLD = 0.15      # bead widths by which support lines reach into the loop around them
+EVEN = 0.05      # bead widths from the edge of their room to the first and last line of an interface
 
 
 def with_stand(
@@ -88,24 +89,28 @@ def region_of(outline: Polygons) -> Region:
 
 
 def add_support(beads: BeadList, standing: Standing, asked: Support, width: float, height: float) -> None:
-    """The beads of one layer's support: loops and lines of its body, lines of its interface. All lie inside it."""
+    """The beads of one layer's support: loops and lines of its body and of its interface. All lie inside it."""
     spacing = float(bead_spacing(width, height))
     along = np.radians(asked.line_angle_deg)
     across = along + np.pi / 2
-    _lines(beads, standing.interface, spacing / asked.interface_density, (across,), width, Role.SUPPORT_INTERFACE)
-    body = difference(standing.region, standing.interface)
-    for loop in range(asked.walls):
-        beads.add_rings(offset(body, -width / 2 - loop * spacing), width, Role.SUPPORT)
-    inside = offset(body, HOLD * width - asked.walls * spacing) if asked.walls else body
     angles = (along, across) if asked.pattern == "grid" else (along,)
-    _lines(beads, inside, spacing / asked.density * len(angles), angles, width, Role.SUPPORT)
+    body = difference(standing.region, standing.interface)
+    _filled(beads, standing.interface, min(asked.walls, 1), spacing, asked.interface_density, (across,), width,
+            Role.SUPPORT_INTERFACE)
+    _filled(beads, body, asked.walls, spacing, asked.density, angles, width, Role.SUPPORT)
 
 
-def _lines(
-    beads: BeadList, region: Region, pitch: float, angles: tuple[float, ...], width: float, role: Role
+def _filled(
+    beads: BeadList, region: Region, loops: int, spacing: float, density: float, angles: tuple[float, ...],
+    width: float, role: Role,
 ) -> None:
-    room = offset(region, -width / 2)
+    for loop in range(loops):
+        beads.add_rings(offset(region, -width / 2 - loop * spacing), width, role)
+    inside = offset(region, HOLD * width - loops * spacing) if loops else region
+    room, pitch = offset(inside, -width / 2), spacing / density * len(angles)
     for angle in angles:
-        lines = fixed_lines(room, pitch, angle, LINK * pitch)
+        lines = (
+            even_lines(room, pitch, angle, EVEN * width, LINK * pitch) if role == Role.SUPPORT_INTERFACE
+            else fixed_lines(room, pitch, angle, LINK * pitch)
+        )
         beads.add(lines.points, lines.starts, width, role)
-

@@ -35,14 +35,19 @@ def plan_support(
     part: Solid, heights: Heights, asked: Support, bead_mm: float, modifiers: Modifiers = NO_MODIFIERS
 ) -> list[Standing]:
     """One per layer. Holds two simplified regions per layer, and the outlines of a few layers at a time."""
-    marks = Marks(_sections(modifiers.blockers, heights.plane), _sections(modifiers.enforcers, heights.plane))
-    hanging = overhangs(_sections([part], heights.plane), heights.plane, asked, bead_mm, marks)
+    marks = Marks(outlines_of(modifiers.blockers, heights.plane), outlines_of(modifiers.enforcers, heights.plane))
+    around = asked.model_copy(update={"where": "everywhere"}) if asked.kind == "tree" else asked   # branches go around
+    hanging = overhangs(outlines_of([part], heights.plane), heights.plane, around, bead_mm, marks)
     if all(region.is_empty() for region in hanging):
         return [Standing(Region(), Region())] * len(hanging)
+    if asked.kind == "tree":
+        from cabslice.slicing.tree import trees
+
+        return trees(part, heights, asked, bead_mm, hanging)
     return _columns(part, heights, asked, bead_mm, hanging)
 
 
-def _sections(solids: Sequence[Solid], planes: Array) -> Iterator[Region]:
+def outlines_of(solids: Sequence[Solid], planes: Array) -> Iterator[Region]:
     """The union of some solids at each plane (L,) mm, ascending."""
     cuts = [cut(solid.vertices, solid.faces, planes) for solid in solids]
     for _ in planes:
