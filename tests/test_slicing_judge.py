@@ -15,11 +15,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from raster_judge import NOTHING, PIXEL, Canvas, Judgement, judge_lines, section, segments
-from slicing_kit import bead_volume, process
+from slicing_kit import bead_volume, process, shape_of
 
 from cabslice.mesh.load import load_mesh
 from cabslice.mesh.place import place
-from cabslice.slicing.flow import bead_area
+from cabslice.slicing.flow import bead_area, bead_spacing
 from cabslice.slicing.layer import Role
 from cabslice.slicing.slicer import slice_part
 
@@ -142,6 +142,30 @@ def test_every_layer_is_filled_and_nothing_leaves_it(name):
 
 def test_fins_are_covered():
     assert min(covered(lines_of(place(load_mesh(FINS))))) >= 0.95
+
+
+@needs_models
+@pytest.mark.parametrize("bead", [0.4, 0.45, 0.6])
+def test_the_arms_of_thinwall_are_printed_once(bead):
+    """Four walls of 0.35 to 1 mm: covered, and their volume laid once; round sides hold 0.88 of the thinnest one."""
+    part = model("thinwall")
+    layers = list(slice_part(part, process(infill=0.2, outer_bead_mm=bead, bead_mm=bead, first_bead_mm=bead),
+                             nozzle_mm=0.4))
+    arms = [shapely.box(14, -3, 24, 3), shapely.box(-24, -3, -14, 3), shapely.box(-3, 14, 3, 24),
+            shapely.box(-3, -24, 3, -14)]
+    thick = set()
+    for layer in layers[1::4]:
+        outline = shape_of(layer.outline.points, layer.outline.starts)
+        lines = [(shapely.LineString([p, q]), width) for p, q, width in segments(layer)]
+        for arm in arms:
+            wall = outline.intersection(arm)
+            thick.add(round(wall.area / 10, 1))
+            held = sum(line.intersection(arm).length * float(bead_spacing(width, 0.2)) for line, width in lines)
+            assert 0.87 < held / wall.area < 1.05
+            under = shapely.union_all([line.buffer(width / 2) for line, width in lines if line.intersects(arm)])
+            assert wall.intersection(under).area >= 0.95 * wall.area
+    assert len(thick) == 4
+    assert min(thick) < 0.4
 
 
 def lines_of(part):

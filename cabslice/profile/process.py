@@ -87,6 +87,10 @@ class Process(Table):
         default="aligned",
         description="where outer walls begin; hidden: in the sharpest concave corner; aligned: over the last or hidden",
     )
+    overhang_speeds_mm_s: Annotated[list[Speed], Field(min_length=4, max_length=4)] | None = Field(
+        default=None,
+        description="walls with more than 1/4, 1/2, 3/4 and all of their width over air; absent: like other walls",
+    )
     top_layers: int = Field(ge=0, le=10000, description="solid layers under every top surface")
     bottom_layers: int = Field(ge=0, le=10000, description="solid layers over every bottom surface")
     infill: float = Field(ge=0, le=1, description="share of the inside that is filled")

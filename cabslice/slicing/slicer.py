@@ -26,7 +26,7 @@ from cabslice.slicing.heights import Heights, layer_heights
 from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
 from cabslice.slicing.patterns import Sparse
-from cabslice.slicing.region import Region, from_rings, to_polygons
+from cabslice.slicing.region import Region, from_rings, pieces, to_polygons
 from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
 from cabslice.slicing.spiral import floors, spiral_wall, vase
 from cabslice.slicing.stand import with_stand
@@ -203,9 +203,9 @@ def _fill(
     turned = crossed if near.index % 2 else angle
     strips = [inside.thin] if process.walls or process.infill else []
     parts = divide(inside.wide, near, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
-    if near.below is not None and not parts.bridge.is_empty():
-        over = bridge_angle(parts.bridge, near.below, filling.width_mm, turned)
-        strips.append(fill_solid(beads, parts.bridge, filling, over, Role.BRIDGE))
+    for bridge in pieces(parts.bridge) if near.below is not None else ():
+        over = bridge_angle(bridge, near.below, filling.width_mm, turned)
+        strips.append(fill_solid(beads, bridge, filling, over, Role.BRIDGE))
     strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
     if process.infill > 0:

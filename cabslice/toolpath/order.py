@@ -16,9 +16,10 @@ from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.material import Material
 from cabslice.profile.process import Process, Retraction
-from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.layer import Layer, Polygons, Role
 from cabslice.slicing.spiral import floors
 from cabslice.toolpath.events import events_of
+from cabslice.toolpath.overhang import slowed
 from cabslice.toolpath.path import RESTS, Events, Toolpath, bead_area, piece_starts
 from cabslice.toolpath.sequence import Drawn, draw_layer
 from cabslice.toolpath.spiral import blended, divided, drawn_ring, flat, rise, spiral_ring
@@ -42,6 +43,7 @@ class _Nozzle:
     layer: int = 0
     seams: Array = field(default_factory=lambda: np.empty((0, 2)))
     ring: Array | None = None        # (N, 2) the last of a spiral
+    below: Polygons | None = None    # outline of the last layer
 
 
 def lay_toolpath(
@@ -84,10 +86,17 @@ def lay_toolpath(
 
 def _flat(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, first: bool) -> list[dict[str, Array]]:
     """The rows of a layer, if it has any."""
+    below, nozzle.below = nozzle.below, layer.outline
     if not len(layer.beads.role):
         return []
     drawn, nozzle.seams = _draw(layer, nozzle, process)
-    return [_moves(drawn, layer, nozzle, process, area, first=first)] if len(drawn.role) else []
+    if not len(drawn.role):
+        return []
+    start = nozzle.xyz
+    rows = _moves(drawn, layer, nozzle, process, area, first=first)
+    if process.overhang_speeds_mm_s and below is not None and start is not None:
+        rows = slowed(rows, start, below, process.outer_bead_mm, process.overhang_speeds_mm_s)
+    return [rows]
 
 
 def _wind(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, last: bool = False) -> dict[str, Array]:
