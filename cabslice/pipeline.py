@@ -226,7 +226,8 @@ def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1
     return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
 
 
-def check_path(product: Laid | Planned, progress: Progress = silent) -> Verdict:
+def check_path(product: Laid | Planned, progress: Progress = silent, *, far: float | None = None) -> Verdict:
+    """The margin of cables to the part is looked for up to `far` mm, where that is given."""
     from cabslice.feasibility.check import check
     from cabslice.toolpath.checks import check_toolpath
 
@@ -235,7 +236,8 @@ def check_path(product: Laid | Planned, progress: Progress = silent) -> Verdict:
     # the motion may leave the path by the corner tolerance, and takes the ends of the cables with it
     robot = replace(robot, clearance=robot.clearance + corner)
     whole = product if isinstance(product, Planned) else with_ends(product)
-    return check(whole.toolpath, robot, progress=partial(progress, "check"))
+    more = {} if far is None else {"far": far}
+    return check(whole.toolpath, robot, progress=partial(progress, "check"), **more)
 
 
 def with_ends(product: Laid) -> Laid:

@@ -17,7 +17,7 @@ FLOORS = {
     "motors": 5,
     "simulation": 6, "calibration": 6, "optimization": 6, "view": 6,
     "store": 7, "pipeline": 7,
-    "batch": 8,
+    "batch": 8, "advice": 8,
     "cli": 9,
 }
 GROUND = {"errors", "arrays", "files"}  # anyone may use these, also rooms of the ground floor

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from cabslice.cli import options
@@ -15,12 +17,14 @@ from cabslice.errors import EXIT_IMPOSSIBLE
 @options.machine
 @options.placing
 @options.jobs
+@click.option("--try/--no-try", "try_", default=True, help="Where it cannot: try what would help, or only say why not.")
 @options.talk
-def check(file: str, machine: Machine, placing: Placing, jobs: int, talk: Talk) -> None:
+def check(file: str, machine: Machine, placing: Placing, jobs: int, try_: bool, talk: Talk) -> None:
     """Can this robot make this part? Exit code 0 yes, 4 no.
 
     PART is a mesh, a .layers, a .path or a .plan (of a plan the finished motion is audited as well). Prints every
-    finding, and what was checked: no findings mean no more than that.
+    finding, and what was checked: no findings mean no more than that. Where a mesh cannot be made it tries what would
+    help: a turn, a shift, another size, a height to split at, another printer.
     """
     from cabslice import pipeline
     from cabslice.cli import tables
@@ -40,6 +44,28 @@ def check(file: str, machine: Machine, placing: Placing, jobs: int, talk: Talk) 
         content["error"] = {"exit_code": EXIT_IMPOSSIBLE, "kind": "ImpossibleError", "sentence": sentence}
     reasons = [f"{finding.sentence} {finding.help}".rstrip() for finding in verdict.findings]
     answer = "\n".join([sentence, *reasons])
-    talk.answer(content, answer, tables.finding_table(verdict.findings), tables.checked_lines(verdict))
+    ways = _tried(product, verdict, talk) if try_ and not verdict.ok else []
+    if ways:
+        content["tried"] = [way.as_dict() for way in ways]
+    talk.answer(content, answer, tables.finding_table(verdict.findings), _ways(ways), tables.checked_lines(verdict))
     if not verdict.ok:
         raise click.exceptions.Exit(EXIT_IMPOSSIBLE)
+
+
+def _tried(product: Any, verdict: Any, talk: Talk) -> list[Any]:
+    """What would help a part; of a path or G-code nothing is tried."""
+    from cabslice.pipeline import Placed
+
+    if not isinstance(product, Placed):
+        return []
+    from cabslice import advice
+
+    talk.say("trying what would help")
+    with talk.progress() as tick:
+        return list(advice.help_for(product, verdict, tick))
+
+
+def _ways(ways: list[Any]) -> str:
+    if not ways:
+        return ""
+    return "\n".join(["what would help, tried with the walls of the part:", *(f"  {way.sentence}" for way in ways)])

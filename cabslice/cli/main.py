@@ -31,6 +31,7 @@ COMMANDS = {
         "inspect": "what is in a part, a product or a motor file; --png draws it",
         "workspace": "where can the platform be, and where can it print?",
         "stiffness": "how stiffly do the cables hold the platform?",
+        "optimize": "where a part stands best on the bed, and how large it may be",
         "simulate": "what will the elastic robot really do? errors of a motion, and their causes",
     },
     "Set up": {

@@ -38,8 +38,10 @@ STEPS = 100          # units of progress: SURVEYED of them for the survey, the r
 SURVEYED = 50
 
 
-def check(toolpath: Toolpath, robot: Robot, *, progress: Progress | None = None) -> Verdict:
+def check(toolpath: Toolpath, robot: Robot, *, far: float = FAR, progress: Progress | None = None) -> Verdict:
     """Whether `robot` can follow `toolpath`, with every reason why not; progress(done, total).
+
+    The margin of cables to the part is looked for up to `far` mm.
 
     Checked: the nozzle over the bed plate; every cable able to leave its pulley; a feasible tension under gravity;
     cables against each other, the bed plate and the part printed so far. A verdict is ok only if all of it was done.
@@ -60,7 +62,7 @@ def check(toolpath: Toolpath, robot: Robot, *, progress: Progress | None = None)
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
     grow = grown(robot)
     verdict = verdict.joined(_plate(job, moves, grow))
-    verdict = verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, tell))
+    verdict = verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, far, tell))
     return verdict.joined(Verdict(("Not checked: the nozzle and the platform against the part.",)))
 
 
@@ -182,11 +184,11 @@ def _plate(job: Job, moves: Tree, grow: Array) -> Verdict:
     return Verdict((sentence,), tuple(found), {"cable_bed_mm": _least(met, found)}, _capped(met, "cable_bed_mm"))
 
 
-def _part(job: Job, moves: Tree, part: Tree, grow: Array, tell: Progress) -> Verdict:
+def _part(job: Job, moves: Tree, part: Tree, grow: Array, far: float, tell: Progress) -> Verdict:
     def share(done: int, of: int) -> None:
         tell(SURVEYED + (STEPS - SURVEYED) * done // of, STEPS)
 
-    met = contacts(moves, part, job.robot, grow, progress=share)
+    met = contacts(moves, part, job.robot, grow, far=far, progress=share)
     found = _told(job, met, moves, part, grow, "cable-part")
     tell(STEPS, STEPS)
     least = {"cable_part_mm": _least(met, found)}

@@ -23,6 +23,7 @@ class Finding:
     unit: str
     sentence: str                          # names layer, mm, cable, value, limit
     help: str = ""                         # what would help
+    free_mm: float | None = None           # what is printed below this height does not meet it
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)

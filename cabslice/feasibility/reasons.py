@@ -171,7 +171,7 @@ def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
     if not np.isfinite(tension).all():
         sentence = f"{where}the cables do not hold the platform at all (singular pose) {_at(xyz)}{since}."
         limit = float(robot.tension_min.max())
-        return Finding("tension", layer, _triple(xyz), 0, 0.0, limit, "N", sentence, advice)
+        return Finding("tension", layer, _triple(xyz), 0, 0.0, limit, "N", sentence, advice, _free(job, begin))
     missing = np.maximum(robot.tension_min - tension, tension - robot.tension_max)
     cable = int(missing.argmax())
     slack = tension[cable] < robot.tension_min[cable]
@@ -180,7 +180,10 @@ def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
         f"{where}no tension within the bounds holds the platform {_at(xyz)}: at best cable {cable + 1} needs "
         f"{tension[cable]:.2f} N ({'at least' if slack else 'at most'} {limit:.2f} N allowed){since}."
     )
-    return Finding("tension", layer, _triple(xyz), cable + 1, float(tension[cable]), limit, "N", sentence, advice)
+    return Finding(
+        "tension", layer, _triple(xyz), cable + 1, float(tension[cable]), limit, "N", sentence, advice,
+        _free(job, begin),
+    )
 
 
 def _held_where(job: Job, xyz: Array) -> str:
@@ -242,7 +245,13 @@ def _contact(
     advice = _advice(job, beads, int(moves.stage[contacts.move[rows[0]]]), first, xyz, cable, code)
     if len(roles) and (roles == Role.SKIRT).all():
         advice = "Only the skirt is in its way, not the part: leave it out (-s skirt_loops=0) or bring it nearer."
-    return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice)
+    return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice, _free(job, first))
+
+
+def _free(job: Job, layer: int) -> float | None:
+    """Height of what is laid in the layers below one, mm."""
+    below = job.toolpath.xyz[laying(job.toolpath) & (job.toolpath.layer < layer), 2]
+    return float(below.max()) if len(below) else None
 
 
 def _named(job: Job, row: int) -> str:

@@ -74,3 +74,13 @@ def _numbers(corners: list[tuple[bytes, ...]], name: str) -> Array:
                 text = b" ".join(corner).decode("latin1")
                 raise ModelError(f"{name}: corner {k + 1} is '{text}', expected three numbers.", file=name) from None
         raise
+
+
+def write_stl(vertices: Array, faces: Array) -> bytes:
+    """A binary STL of triangles: vertices (V, 3) mm, faces (F, 3)."""
+    corners = np.asarray(vertices, dtype=np.float64)[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1)[:, None]
+    records = np.zeros(len(faces), _RECORD)
+    records["corners"], records["normal"] = corners, normals / np.where(size > 0, size, 1.0)
+    return b"cabslice".ljust(80, b" ") + len(faces).to_bytes(4, "little") + records.tobytes()

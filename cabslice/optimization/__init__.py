@@ -1,0 +1,1 @@
+"""What is best among many: where a part stands."""
