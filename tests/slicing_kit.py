@@ -100,7 +100,7 @@ def bead_volume(layer, roles=None):
             if beads.closed[b]:
                 p, w = np.concatenate((p, p[:1])), np.concatenate((w, w[:1]))
             length = np.linalg.norm(np.diff(p, axis=0), axis=1)
-            total += float((bead_area(w[1:], layer.height_mm) * length).sum())
+            total += float((bead_area(w[1:], beads.height[b] or layer.height_mm) * length).sum())
     return total
 
 

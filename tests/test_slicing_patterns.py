@@ -7,7 +7,8 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from slicing_kit import bead_volume, prism, process, region_of, shapes
+from slicing_kit import bead_volume, joined, prism, process, region_of, shapes
+from toolpath_samples import PLA
 
 from cabslice.profile.keys import keys
 from cabslice.slicing.curves import gyroid, honeycomb, wave_lines
@@ -15,6 +16,7 @@ from cabslice.slicing.fill import sparse_pitch
 from cabslice.slicing.layer import Role
 from cabslice.slicing.patterns import Sparse, sparse_lines
 from cabslice.slicing.slicer import slice_part
+from cabslice.toolpath.order import lay_toolpath
 
 PATTERNS = ("rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric")
 RING = shapely.Point(0, 0).buffer(20).difference(shapely.Point(5, 3).buffer(6)).union(shapely.box(15, -6, 32, 6))
@@ -147,3 +149,36 @@ def test_rings_keep_their_distance():
     for k, (a, b) in enumerate(pairwise(lines.starts)):
         ring = shapely.LinearRing(lines.points[a:b])
         assert ring.equals(shapely.box(0, 0, 30, 20).buffer(-1 - 2 * k, join_style="mitre").exterior)
+
+
+@pytest.mark.parametrize(("every", "layer_mm", "found"),
+                         [(1, 0.2, 1), (2, 0.2, 2), (3, 0.1, 3), (9, 0.1, 4), (9, 0.3, 1)])
+@pytest.mark.parametrize("pattern", ["rectilinear", "grid"])
+def test_infill_of_several_layers_is_laid_at_once(every, layer_mm, found, pattern):
+    """No higher than the 0.4 mm nozzle is wide; a recess in some of the layers is filled layer by layer; the volume of
+    the part is what it is without."""
+    recess = joined(prism(RING, 0, 3), prism(RING.difference(shapely.box(-12, -12, -6, -2)), 3, 3 + layer_mm),
+                    prism(RING, 3 + layer_mm, 6))
+    asked = {"infill": 0.25, "pattern": pattern, "layer_mm": layer_mm, "skirt_loops": 0, "top_layers": 2,
+             "bottom_layers": 2}
+    many, plain = (list(slice_part(recess, process(**asked, infill_every=k), nozzle_mm=0.4)) for k in (every, 1))
+    heights = {round(float(h) / layer_mm) or 1 for layer in many
+               for h in layer.beads.height[layer.beads.role == Role.SPARSE_INFILL]}
+    assert heights == {1, found}
+    for one in (many, plain):
+        assert all((layer.beads.height <= 0.4 + 1e-9).all() for layer in one)
+    volumes = [sum(bead_volume(layer, {Role.SPARSE_INFILL}) for layer in one) for one in (many, plain)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=0.02)
+    stops = [sum((layer.beads.role == Role.SPARSE_INFILL).sum() for layer in one) for one in (many, plain)]
+    assert stops[0] < 1.3 * stops[1] / found + 40
+
+
+def test_high_beads_are_laid_high():
+    """The path feeds what beads two layers high hold."""
+    asked = process(infill=0.25, infill_every=2, skirt_loops=0)
+    layers = list(slice_part(prism(RING, 0, 3), asked, nozzle_mm=0.4))
+    path = lay_toolpath(layers, asked, PLA, filament_diameter_mm=1.75)
+    laid = path.role == Role.SPARSE_INFILL
+    assert set(np.round(path.height[laid], 9)) == {0.2, 0.4}
+    fed = path.filament[laid].sum() * path.filament_area_mm2
+    assert fed == pytest.approx(sum(bead_volume(layer, {Role.SPARSE_INFILL}) for layer in layers), rel=1e-3)

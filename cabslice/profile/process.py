@@ -23,6 +23,7 @@ class Speeds(Table):
     sparse_infill: Speed = Field(description="infill at the density `infill`")
     bridge: Speed = Field(description="beads over air")
     gap_fill: Speed = Field(description="thin leftovers between walls")
+    ironing: Speed | None = Field(default=None, description="ironing of top skins; absent: as top_skin")
     skirt: Speed = Field(description="loops around the part")
     support: Speed | None = Field(default=None, description="support; absent: as sparse_infill")
     support_interface: Speed | None = Field(default=None, description="its dense layers; absent: as solid_infill")
@@ -51,6 +52,14 @@ class Retraction(Table):
     coast_mm: float = Field(
         default=0.0, ge=0, le=100, description="last part of a bead before a retraction, laid by pressure alone",
     )
+
+
+class Ironing(Table):
+    """A second pass of the hot nozzle over top skins, with little plastic, that makes them smooth."""
+
+    on: bool = Field(default=False, description="whether top skins are ironed")
+    spacing_mm: float = Field(default=0.1, gt=0.01, le=5, description="distance of the lines")
+    flow: float = Field(default=0.15, ge=0.01, le=1, description="plastic, as a share of what a layer would hold")
 
 
 class Compensation(Table):
@@ -97,9 +106,17 @@ class Process(Table):
     pattern: Literal[
         "rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric",
     ] = Field(description="infill pattern; rectilinear turns by 90 deg in every layer, aligned does not")
+    infill_every: int = Field(
+        default=1, ge=1, le=100,
+        description="layers whose sparse infill is laid at once, as far as the nozzle is as wide as they are high",
+    )
     infill_angle_deg: float = Field(
         default=45.0, ge=-360, le=360,
         description="direction of the first infill line, from x",
+    )
+    skin_angle_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
+        default=None,
+        description="direction of solid lines in the first layer, turned by 90 deg in every next; absent: of infill",
     )
     infill_overlap: float = Field(
         default=0.15, ge=0, le=0.5,
@@ -122,6 +139,7 @@ class Process(Table):
         default=[], max_length=1000, description="layers before which the filament is changed, counted from 0",
     )
     compensation: Compensation = Compensation()
+    ironing: Ironing = Ironing()
     speeds_mm_s: Speeds
     retraction: Retraction
     brim: Brim = Brim()

@@ -35,6 +35,7 @@ class Filling:
     height_mm: float
     overlap_mm: float
     thinnest_mm: float
+    several: bool = False    # the beads fill several layers
 
     @property
     def spacing_mm(self) -> float:
@@ -55,12 +56,25 @@ def fill_solid(beads: BeadList, region: Region, filling: Filling, angle: float, 
     return thin
 
 
+def iron(beads: BeadList, region: Region, filling: Filling, spacing: float, flow: float, angle: float) -> None:
+    """Adds close lines (spacing, mm) over a top skin, that together hold the share `flow` of a layer; half a bead off
+    its edge, so that nothing is pressed over it."""
+    lines = even_lines(offset(region, -filling.width_mm / 2), spacing, angle, 0.0, LINK_SOLID * filling.spacing_mm)
+    width = float(bead_width(spacing * flow, filling.height_mm))
+    beads.add(lines.points, lines.starts, width, Role.IRONING)
+
+
+def together(process: Process) -> int:
+    """Layers whose sparse infill is laid as one: as many as asked, but not higher than the nozzle is wide."""
+    return max(1, min(process.infill_every, int(process.nozzle_mm / process.layer_mm + 1e-6)))
+
+
 def sparse_pitch(process: Process, length: float, area: float) -> float:
     """Distance of sparse lines (mm), one for the whole part so that they stack, for a mean outline of length and area.
 
     Half of the inside's edge will be linked at each angle; lines lie further apart to make up for it, within WIDER.
     """
-    spacing = float(bead_spacing(process.bead_mm, process.layer_mm))
+    spacing = float(bead_spacing(process.bead_mm, process.layer_mm * together(process)))
     density = process.infill / FAMILIES.get(process.pattern, 1)
     if density <= 0:
         return spacing
@@ -72,7 +86,10 @@ def sparse_pitch(process: Process, length: float, area: float) -> float:
 
 
 def fill_sparse(beads: BeadList, region: Region, filling: Filling, sparse: Sparse, density: float) -> None:
-    """Adds the lines of a pattern, holding together `density` of the region's volume (in the mean over layers)."""
+    """Adds the lines of a pattern, holding together `density` of the region's volume (in the mean over layers).
+
+    The region is as high as the filling.
+    """
     if region.is_empty():
         return
     families = sparse_lines(offset(region, filling.overlap_mm - filling.spacing_mm / 2), sparse)
@@ -88,4 +105,5 @@ def _lay(beads: BeadList, families: list[Lines], area: float, filling: Filling, 
     share = np.clip(area / held, 1 - most, 1 + most) if held > 0 else 1.0
     for lines, spacing in zip(families, spacings, strict=True):
         width = bead_width(spacing * share, filling.height_mm)
-        beads.add(lines.points, lines.starts, np.repeat(width, np.diff(lines.starts)), role, lines.closed)
+        widths = np.repeat(width, np.diff(lines.starts))
+        beads.add(lines.points, lines.starts, widths, role, lines.closed, filling.height_mm if filling.several else 0.0)

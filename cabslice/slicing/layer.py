@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -55,6 +55,7 @@ class Beads:
     Line b is points[starts[b]:starts[b+1]] (N, 2) mm; a closed line does not repeat its first point.
     width (N,) mm at each point (the segment *into* a point has that point's width); role (B,), closed (B,) bool;
     island (B,) int: which connected region of the layer it belongs to; -1 for what stands beside the part (skirt).
+    height (B,) mm of beads that fill several layers from below; 0, or no column at all: as high as the layer.
     """
 
     points: Array
@@ -63,9 +64,11 @@ class Beads:
     role: Array
     closed: Array
     island: Array
+    height: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         shape = Shapes("Beads")
+        height = self.height if len(self.height) else np.zeros(len(self.role))
         set_columns(
             self,
             points=shape.column("points", self.points, "N 2"),
@@ -74,6 +77,7 @@ class Beads:
             role=shape.column("role", self.role, "B", np.uint8),
             closed=shape.column("closed", self.closed, "B", np.bool_),
             island=shape.column("island", self.island, "B", np.int32),
+            height=shape.column("height", height, "B"),
         )
 
 

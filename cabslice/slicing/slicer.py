@@ -7,7 +7,7 @@ and sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice
 
@@ -20,14 +20,14 @@ from cabslice.slicing.adhesion import hull_below
 from cabslice.slicing.beads import BeadList
 from cabslice.slicing.bridges import bridge_angle
 from cabslice.slicing.compensate import compensated
-from cabslice.slicing.fill import Filling, fill_solid, fill_sparse, sparse_pitch
+from cabslice.slicing.fill import Filling, fill_solid, iron, sparse_pitch, together
 from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, layer_heights
 from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
-from cabslice.slicing.patterns import Sparse
 from cabslice.slicing.region import Region, from_rings, pieces, to_polygons
 from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
+from cabslice.slicing.sparse import SparseLayer, lay_sparse
 from cabslice.slicing.spiral import floors, spiral_wall, vase
 from cabslice.slicing.stand import with_stand
 from cabslice.slicing.support import plan_support
@@ -132,8 +132,9 @@ def _run(cutting: Cutting, first: int, end: int) -> list[Layer]:
     known = Window(first, end, len(heights.top), process.bottom_layers, process.top_layers)
     near = neighbours(outlines, known, COARSE * process.bead_mm)
     layers: list[Layer] = []
-    while some := [_layer(each, heights, process, cutting.nozzle_mm, cutting.pitch_mm)
-                   for each in islice(near, TOGETHER)]:
+    each_time = together(process) * max(1, TOGETHER // together(process))
+    while some := [_layer(each, heights, process, cutting.nozzle_mm) for each in islice(near, each_time)]:
+        lay_sparse([_sparse_layer(raw, heights) for raw in some], process, cutting.pitch_mm)
         _lay_strips(some, cutting.nozzle_mm)
         layers += [
             Layer(raw.index, float(heights.top[raw.index]), raw.filling.height_mm, to_polygons(raw.outline),
@@ -171,9 +172,10 @@ class _RawLayer:
     widest_mm: float
     beads: BeadList
     strips: list[_Strip]
+    sparse: Region = field(default_factory=Region)
 
 
-def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, pitch: float) -> _RawLayer:
+def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float) -> _RawLayer:
     first = near.index == 0
     height = float(heights.height[near.index])
     inner = process.first_bead_mm if first else process.bead_mm
@@ -189,29 +191,31 @@ def _layer(near: Neighbours, heights: Heights, process: Process, nozzle: float, 
     for k, level in enumerate(levels):
         beads.add_rings(level.lines, level.width_mm, Role.INNER_WALL if k else Role.OUTER_WALL)
         strips.append(_Strip(level.thin, Role.GAP_FILL if k else Role.OUTER_WALL, k == 0))
-    strips += _fill(beads, inside, near, process, filling, pitch, float(heights.top[near.index]))
-    strips = [strip for strip in strips if not strip.region.is_empty()]
-    return _RawLayer(near.index, near.outline, filling, WIDEST * max(inner, outer), beads, strips)
+    more, sparse = _fill(beads, inside, near, process, filling)
+    strips = [strip for strip in strips + more if not strip.region.is_empty()]
+    return _RawLayer(near.index, near.outline, filling, WIDEST * max(inner, outer), beads, strips, sparse)
 
 
 def _fill(
-    beads: BeadList, inside: Inside, near: Neighbours, process: Process, filling: Filling, pitch: float, z: float
-) -> list[_Strip]:
-    """Fills what the walls leave; returns the strips in it that are too thin for lines."""
-    angle = np.radians(process.infill_angle_deg)
-    crossed = angle + np.pi / 2
-    turned = crossed if near.index % 2 else angle
+    beads: BeadList, inside: Inside, near: Neighbours, process: Process, filling: Filling
+) -> tuple[list[_Strip], Region]:
+    """Fills what the walls leave; returns the strips in it that are too thin for lines, and what is to be sparse."""
+    skin = process.infill_angle_deg if process.skin_angle_deg is None else process.skin_angle_deg
+    turned = np.radians(skin + 90 * (near.index % 2))
     strips = [inside.thin] if process.walls or process.infill else []
     parts = divide(inside.wide, near, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
     for bridge in pieces(parts.bridge) if near.below is not None else ():
         over = bridge_angle(bridge, near.below, filling.width_mm, turned)
         strips.append(fill_solid(beads, bridge, filling, over, Role.BRIDGE))
     strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
+    if process.ironing.on:
+        iron(beads, parts.top, filling, process.ironing.spacing_mm, process.ironing.flow, turned + np.pi / 2)
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
-    if process.infill > 0:
-        sparse = Sparse(process.pattern, angle, pitch, filling.width_mm, near.index, z)
-        fill_sparse(beads, parts.sparse, filling, sparse, process.infill)
-    return [_Strip(strip, Role.GAP_FILL, False) for strip in strips]
+    return [_Strip(strip, Role.GAP_FILL, False) for strip in strips], parts.sparse if process.infill > 0 else Region()
+
+
+def _sparse_layer(raw: _RawLayer, heights: Heights) -> SparseLayer:
+    return SparseLayer(raw.index, float(heights.top[raw.index]), raw.sparse, raw.filling, raw.beads)
 
 
 def _lay_strips(layers: list[_RawLayer], nozzle: float) -> None:

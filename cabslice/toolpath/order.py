@@ -29,9 +29,11 @@ SPEED_OF = {
     Role.OUTER_WALL: "outer_wall", Role.INNER_WALL: "inner_wall", Role.SOLID_INFILL: "solid_infill",
     Role.TOP_SKIN: "top_skin", Role.SPARSE_INFILL: "sparse_infill", Role.BRIDGE: "bridge", Role.GAP_FILL: "gap_fill",
     Role.SKIRT: "skirt", Role.SUPPORT: "support", Role.SUPPORT_INTERFACE: "support_interface",
-    Role.IRONING: "top_skin", Role.OVERHANG_WALL: "bridge", Role.CUSTOM: "outer_wall", Role.TRAVEL: "travel",
+    Role.IRONING: "ironing", Role.OVERHANG_WALL: "bridge", Role.CUSTOM: "outer_wall", Role.TRAVEL: "travel",
 }
-INSTEAD = {"support": "sparse_infill", "support_interface": "solid_infill"}   # where the process does not say
+INSTEAD = {   # where the process does not say
+    "support": "sparse_infill", "support_interface": "solid_infill", "ironing": "top_skin",
+}
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer")
 
 
@@ -206,7 +208,8 @@ def _put_beads(rows: dict[str, Array], drawn: Drawn, offset: Array, z: float, he
     inner[drawn.starts[:-1]] = False
     row = row[inner]
     rows["xyz"][row], rows["role"][row] = _at(drawn.points[inner], z), np.repeat(drawn.role, size)[inner]
-    rows["width"][row], rows["height"][row] = drawn.width[inner], height
+    high = np.where(drawn.height > 0, drawn.height, height)
+    rows["width"][row], rows["height"][row] = drawn.width[inner], np.repeat(high, size)[inner]
 
 
 def _coast(rows: dict[str, Array], drawn: Drawn, dry: Array, offset: Array) -> None:

@@ -23,13 +23,17 @@ STAGE[Role.IRONING] = 2
 
 @dataclass(frozen=True)
 class Drawn:
-    """In drawing order: points (M, 2) mm, width (M,) mm of the segment into each; starts (L + 1,); role, island (L,)"""
+    """In drawing order: points (M, 2) mm, width (M,) mm of the segment into each; starts (L + 1,); role, island (L,);
+
+    height (L,) mm, 0 where it is that of the layer.
+    """
 
     points: Array
     width: Array
     starts: Array
     role: Array
     island: Array
+    height: Array
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,8 @@ def draw_layer(
     full = np.flatnonzero(np.diff(starts))
     points, width = points[: starts[-1]].copy(), width[: starts[-1]].copy()
     starts = np.append(starts[full], starts[-1])
-    drawn = Drawn(points, width, starts, beads.role[lines[full]], beads.island[lines[full]])
+    some = lines[full]
+    drawn = Drawn(points, width, starts, beads.role[some], beads.island[some], beads.height[some])
     return drawn, _places(beads, outer, *places)
 
 

@@ -64,7 +64,7 @@ def divided(points: Array) -> Array:
 
 def drawn_ring(points: Array, layer: Layer) -> Drawn:
     width = np.full(len(points), layer.beads.width[0])
-    return Drawn(points, width, np.array([0, len(points)]), layer.beads.role, layer.beads.island)
+    return Drawn(points, width, np.array([0, len(points)]), layer.beads.role, layer.beads.island, layer.beads.height)
 
 
 def flat(layer: Layer, z: float) -> Layer:
