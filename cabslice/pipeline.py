@@ -226,8 +226,10 @@ def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1
     return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
 
 
-def check_path(product: Laid | Planned, progress: Progress = silent, *, far: float | None = None) -> Verdict:
-    """The margin of cables to the part is looked for up to `far` mm, where that is given."""
+def check_path(
+    product: Laid | Planned, progress: Progress = silent, *, far: float | None = None, bare: bool = False
+) -> Verdict:
+    """The margin of cables to the part is looked for up to `far` mm, where that is given. `bare`: nothing is laid."""
     from cabslice.feasibility.check import check
     from cabslice.toolpath.checks import check_toolpath
 
@@ -237,7 +239,7 @@ def check_path(product: Laid | Planned, progress: Progress = silent, *, far: flo
     robot = replace(robot, clearance=robot.clearance + corner)
     whole = product if isinstance(product, Planned) else with_ends(product)
     more = {} if far is None else {"far": far}
-    return check(whole.toolpath, robot, progress=partial(progress, "check"), **more)
+    return check(whole.toolpath, robot, progress=partial(progress, "check"), bare=bare, **more)
 
 
 def with_ends(product: Laid) -> Laid:
@@ -361,6 +363,33 @@ def _lead(origin: Origin) -> Lead:
     from cabslice.motors.start import Lead
 
     return Lead(start.tensioning_s, start.first_tension)
+
+
+def trial(profiles: Profiles) -> tuple[Robot, dict[str, Any], float, Lead]:
+    """What a motion that tries a machine needs: the robot, the header of its file, the period, the tensioning."""
+    origin = _origin("trial", "", profiles)
+    header = {"profiles": profile_names(origin), "printer": json.loads(origin.printer), **_encoders(origin)}
+    return robot_from_printer(profiles.printer), header, profiles.printer.stream.period_ms / 1e3, _lead(origin)
+
+
+def circle(
+    profiles: Profiles, *, radius: float, speed: float, height: float | None, progress: Progress = silent
+) -> tuple[Planned, Verdict]:
+    """A circle to try a machine with, checked, planned and audited. Raises ImpossibleError."""
+    from cabslice.motors import trial as motions
+
+    assert profiles.printer.extruder is not None
+    path = motions.circle(robot_from_printer(profiles.printer), radius=radius, speed=speed, height=height,
+                          filament_mm=profiles.printer.extruder.filament_diameter_mm)
+    laid = Laid(_origin("circle", hashlib.sha256(path.xyz.tobytes()).hexdigest(), profiles), path)
+    verdict = _passed(check_path(laid, progress, bare=True))
+    plan, proof = proven(laid, progress)
+    return plan, verdict.joined(_passed(proof))
+
+
+def _origin(name: str, sha256: str, profiles: Profiles) -> Origin:
+    return Origin(name, sha256, (), (), "mm", 1.0, (0.0, 0.0, 0.0), None, _json(profiles.printer),
+                  _json(profiles.material), _json(profiles.process))
 
 
 def converted(stream: MotorStream, source: str) -> MotorStream:

@@ -11,13 +11,16 @@ from robots import cabfab_optim
 from timing_cases import MATERIAL, PRINTER, PROCESS, print_like
 
 from cabslice.errors import ImpossibleError, UsageError
+from cabslice.feasibility.check import check
 from cabslice.motors.approach import MACHINE, from_layer, has_ends, home_point, resumed, with_ends, without_ends
 from cabslice.motors.check import verify_stream
 from cabslice.motors.events import events_of, layers_of, starts_of
 from cabslice.motors.start import Lead, after_power_loss
 from cabslice.motors.stream import make_stream
+from cabslice.profile import shelf
 from cabslice.profile.printer import Start
 from cabslice.robot import wrench
+from cabslice.robot.model import robot_from_printer
 from cabslice.slicing.layer import Role
 from cabslice.timing.audit import audit
 from cabslice.timing.retime import plan
@@ -124,7 +127,7 @@ def test_the_ways_in_and_out_begin_and_end_at_home():
     np.testing.assert_allclose(over, path.xyz[0] + [0, 0, START.lift_mm])
     assert whole_path.xyz[-2, 2] == pytest.approx(path.xyz[:, 2].max() + START.lift_mm)
     assert with_ends(whole_path, ROBOT, START) is whole_path
-    same(without_ends(whole_path), path)
+    same(without_ends(whole_path, ROBOT), path)
 
 
 @pytest.mark.parametrize("height", [0.0, 0.5, 2.0])
@@ -139,6 +142,26 @@ def test_a_home_on_the_bed_is_left_and_a_part_higher_than_it_is_parked_over(heig
     np.testing.assert_allclose(inward[:, 2], [height, first + START.lift_mm, first + START.lift_mm, first])
     np.testing.assert_allclose(inward[1, :2], inward[0, :2])
     np.testing.assert_allclose(ended.xyz[-1], path.xyz[-1] + [0, 0, path.xyz[:, 2].max() - path.xyz[-1, 2] + 5.0])
+
+
+def test_every_layer_follows_the_bed():
+    """The nozzle keeps its height over a plate that rises, however the print is taken up; a higher plate lifts all."""
+    path, slope = layered(), np.array([-15e-3, -10e-3])
+    tilted = dataclasses.replace(ROBOT, bed_slope=slope)
+    ended = with_ends(path, tilted, START)
+    own = ended.object == MACHINE
+    np.testing.assert_allclose(ended.xyz[~own][:, 2] - ended.xyz[~own][:, :2] @ slope, path.xyz[1:, 2], atol=1e-12)
+    np.testing.assert_array_equal(ended.xyz[~own][:, :2], path.xyz[1:, :2])
+    np.testing.assert_allclose(without_ends(ended, tilted).xyz, path.xyz, atol=1e-12)
+    moved, _ = resumed(ended, tilted, START, 2)
+    laid = moved.role != Role.TRAVEL
+    np.testing.assert_allclose(moved.xyz[laid], ended.xyz[(ended.layer >= 2) & (ended.role != Role.TRAVEL)], atol=1e-12)
+    assert not check(ended, tilted).findings
+    assert [found.code for found in check(ended, ROBOT).findings] == ["bed"]
+    printer = shelf.load_printer("cabfab-optim", ["bed.first_layer_offset_mm=-0.05", "bed.slope_mm_m=[-15, -10]"])
+    robot = robot_from_printer(printer)
+    np.testing.assert_allclose(robot.bed_slope, slope)
+    assert robot.bed_origin[2] == pytest.approx(printer.bed.z_mm - 0.05)
 
 
 def with_events(path, *rows):
@@ -165,7 +188,7 @@ def test_at_a_pause_there_are_rows_that_stand_still():
     path = with_events(path, (stop, EventKind.PAUSE, 0.0), (stop, EventKind.DWELL, 0.4))
     ended = with_ends(path, ROBOT, START)
     assert not find_faults(ended)
-    same(without_ends(ended), path)
+    same(without_ends(ended, ROBOT), path)
     trajectory = plan(ended, ROBOT, PRINTER, MATERIAL, PROCESS)
     told = events_of(trajectory, ended, 0.002)
     row = told["row"][told["kind"].index("pause")]
@@ -195,7 +218,7 @@ def test_taken_up_at_a_layer_the_rest_is_the_same_moves(layer):
     assert now[EventKind.BED_TEMPERATURE] == 60
     fans = path.events.value[(path.events.kind == EventKind.FAN) & (path.events.index < first)]
     assert now[EventKind.FAN] == fans[-1]
-    same(from_layer(without_ends(with_ends(path, ROBOT, START)), layer), rest)
+    same(from_layer(without_ends(with_ends(path, ROBOT, START), ROBOT), layer), rest)
 
 
 @pytest.mark.parametrize("layer", [0, 4, 99])

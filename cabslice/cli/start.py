@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cabslice.cli import options
+from cabslice.cli.export import SUFFIXES
+from cabslice.cli.options import Machine, Output
 from cabslice.cli.report import Table, Talk, clock
 from cabslice.errors import ModelError, UsageError
 
@@ -16,12 +19,25 @@ if TYPE_CHECKING:
     from cabslice.motors.stream import MotorStream
 
 
-@click.command("start")
+class Start(click.Group):
+    """`start FILE` is `start show FILE`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        plain = args and args[0] not in (*self.commands, "-h", "--help")
+        return super().parse_args(ctx, ["show", *args] if plain else args)
+
+
+@click.group("start", cls=Start)
+def start() -> None:
+    """How a machine is started: with a motor file (start FILE), or with motions that try it."""
+
+
+@start.command("show")
 @click.argument("file")
 @click.option("--at", type=click.FloatRange(0), metavar="SECONDS",
               help="Where a machine that stopped then stands: motor angles, layers that are whole, what to zero again.")
 @options.talk
-def start(file: str, at: float | None, talk: Talk) -> None:
+def show(file: str, at: float | None, talk: Talk) -> None:
     """How to start a machine with the motor file FILE, and where it stands when it stops.
 
     Shows the homing pose, the motor angle each encoder is set to, the first row
@@ -89,8 +105,11 @@ def _words(header: Mapping[str, Any]) -> list[str | Table]:
     table = Table((">winder", ">zero rad", ">at N", ">first row rad", ">at N"), rows)
     heating = ", ".join(f"{kind} {value:g}" for kind, value in heat.items()) or "nothing"
     reaction = [f"{what.replace('_', ' ')}: {text}" for what, text in header["drive_reaction"].items()]
+    bed = told.get("bed")
+    plane = f"bed: {bed['height_mm']:g} mm at its middle (first layer offset {bed['first_layer_offset_mm']:g} mm), " \
+            f"rises {bed['slope_mm_m'][0]:g} and {bed['slope_mm_m'][1]:g} mm/m towards x and y" if bed else ""
     return [
-        f"homing pose of the platform: {pose} mm, level", *steps, table, f"before the first row: {heating}",
+        f"homing pose of the platform: {pose} mm, level", plane, *steps, table, f"before the first row: {heating}",
         f"rows 0 to {told['tensioning_rows']} tension the cables ({told['tensioning_s']:g} s); at the end the platform "
         f"is {told['ends']}", *reaction,
     ]
@@ -110,3 +129,92 @@ def _state_words(state: dict[str, Any]) -> list[str | Table]:
         "count of turns is lost, set it to the turn above while the platform is held within half a motor turn of this "
         f"row; incremental: {loss['incremental']}",
     ]
+
+
+# ---- motions that try a machine
+
+@start.command("jog")
+@click.option("--cable", type=click.IntRange(1), required=True, help="Whose motor turns, from 1.")
+@click.option("--turn-deg", type=click.FloatRange(-3600, 3600), default=90.0, show_default=True,
+              help="How far it turns before it comes back; above 0: winds in.")
+@click.option("--seconds", type=click.FloatRange(0.5, 600), default=10.0, show_default=True, help="There and back.")
+@options.machine
+@options.output
+@options.talk
+def jog(cable: int, turn_deg: float, seconds: float, machine: Machine, output: Output, talk: Talk) -> None:
+    """One motor turns to and fro: is it the right one, does it wind in, does its encoder count up?
+
+    Unhook its cable from the platform first: no tension is kept.
+    """
+    def make(robot: Any, header: dict[str, Any], period_s: float, lead: Any) -> MotorStream:
+        from cabslice.motors import trial
+
+        turn = math.radians(turn_deg)
+        return trial.jog(robot, header, period_s=period_s, cable=cable, turn=turn, seconds=seconds)
+
+    _trial("jog", make, machine, output, talk)
+
+
+@start.command("tension")
+@click.option("--seconds", type=click.FloatRange(0.1, 3600), default=20.0, show_default=True, help="Held at the end.")
+@options.machine
+@options.output
+@options.talk
+def tension(seconds: float, machine: Machine, output: Output, talk: Talk) -> None:
+    """The cables are tensioned at home and held: compare the torque of every drive with the file."""
+    def make(robot: Any, header: dict[str, Any], period_s: float, lead: Any) -> MotorStream:
+        from cabslice.motors import trial
+
+        return trial.tension(robot, header, period_s=period_s, lead=lead, hold_s=seconds)
+
+    _trial("tension", make, machine, output, talk)
+
+
+@start.command("circle")
+@click.option("--radius", type=click.FloatRange(1, 1e4), default=100.0, show_default=True, help="mm.")
+@click.option("--speed", type=click.FloatRange(1, 1e4), default=50.0, show_default=True, help="mm/s.")
+@click.option("--height", type=click.FloatRange(0, 1e4), help="Of the nozzle over the bed, mm; default: as at home.")
+@options.machine
+@options.output
+@options.talk
+def circle(
+    radius: float, speed: float, height: float | None, machine: Machine, output: Output, talk: Talk
+) -> None:
+    """The nozzle follows a circle about the bed's middle; checked, planned and audited as a print is."""
+    target, talk = options.target(output, "circle", SUFFIXES, talk)
+    from cabslice import pipeline
+
+    profiles = _profiles(machine)
+    with talk.progress() as tick:
+        planned, verdict = pipeline.circle(profiles, radius=radius, speed=speed, height=height, progress=tick)
+        pipeline.refuse_format(target.format, planned.origin)
+        stream = pipeline.to_stream(planned, verdict, period_s=pipeline.period_of(planned), more={"trial": "circle"})
+        found = pipeline.save_stream(stream, target.path, target.format, overwrite=target.overwrite, progress=tick)
+    _told("circle", found, target, talk)
+
+
+def _trial(name: str, make: Any, machine: Machine, output: Output, talk: Talk) -> None:
+    target, talk = options.target(output, name, SUFFIXES, talk)
+    from cabslice import pipeline
+    from cabslice.motors.formats import FORMATS
+
+    robot, header, period_s, lead = pipeline.trial(_profiles(machine))
+    FORMATS[target.format].refuse({**header, "cables": robot.cables})
+    stream = make(robot, header, period_s, lead)
+    _told(name, pipeline.save_stream(stream, target.path, target.format, overwrite=target.overwrite), target, talk)
+
+
+def _profiles(machine: Machine) -> Any:
+    from cabslice import pipeline
+    from cabslice.cli.job import printer_name
+
+    return pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
+
+
+def _told(name: str, found: dict[str, Any], target: Any, talk: Talk) -> None:
+    from cabslice.cli import tables
+    from cabslice.motors.trial import TRIAL
+
+    content = {"ok": True, "command": f"start {name}", "output": target.path, "numbers": found}
+    talk.answer(content, TRIAL[name], tables.number_table(found), tables.cable_table(found), target.wrote,
+                f"next: cabslice start {target.path}" if target.path != "-" else "")

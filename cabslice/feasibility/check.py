@@ -38,7 +38,9 @@ STEPS = 100          # units of progress: SURVEYED of them for the survey, the r
 SURVEYED = 50
 
 
-def check(toolpath: Toolpath, robot: Robot, *, far: float = FAR, progress: Progress | None = None) -> Verdict:
+def check(
+    toolpath: Toolpath, robot: Robot, *, far: float = FAR, progress: Progress | None = None, bare: bool = False
+) -> Verdict:
     """Whether `robot` can follow `toolpath`, with every reason why not; progress(done, total).
 
     The margin of cables to the part is looked for up to `far` mm.
@@ -46,9 +48,10 @@ def check(toolpath: Toolpath, robot: Robot, *, far: float = FAR, progress: Progr
     Checked: the nozzle over the bed plate; every cable able to leave its pulley; a feasible tension under gravity;
     cables against each other, the bed plate and the part printed so far. A verdict is ok only if all of it was done.
 
-    Raises InputError where the toolpath lays nothing, ProfileError where the robot has no nozzle or no bed.
+    Raises InputError where the toolpath lays nothing and that was not said (`bare`), ProfileError where the robot has
+    no nozzle or no bed.
     """
-    _refuse(toolpath, robot)
+    _refuse(toolpath, robot, bare)
     tell = progress or (lambda done, total: None)
     stages = printing_stages(toolpath)
     moves = tree_of_moves(moves_of(toolpath, stages), robot)
@@ -62,6 +65,8 @@ def check(toolpath: Toolpath, robot: Robot, *, far: float = FAR, progress: Progr
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
     grow = grown(robot)
     verdict = verdict.joined(_plate(job, moves, grow))
+    if bare:
+        return verdict
     verdict = verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, far, tell))
     return verdict.joined(Verdict(("Not checked: the nozzle and the platform against the part.",)))
 
@@ -77,13 +82,13 @@ def _places(job: Job, tell: Progress) -> Verdict:
     return verdict
 
 
-def _refuse(toolpath: Toolpath, robot: Robot) -> None:
+def _refuse(toolpath: Toolpath, robot: Robot, bare: bool) -> None:
     name = robot.name or "robot"
     parts = ("nozzle", robot.nozzle), ("bed", robot.bed_origin), ("bed size", robot.bed_size)
     faults = [f"it has no {what}: expected one, to print with." for what, value in parts if value is None]
     if faults:
         raise ProfileError(name, faults)
-    if not laying(toolpath).any():
+    if not bare and not laying(toolpath).any():
         source = toolpath.source or "the toolpath"
         raise InputError(f"{source}: none of its {len(toolpath.xyz)} moves lays material; expected at least one bead.")
 

@@ -68,12 +68,13 @@ def nozzle_findings(toolpath: Toolpath, robot: Robot) -> list[Finding]:
             )
             advice = _onto_bed(toolpath, axis, half)
             found.append(Finding("bed", layer, _triple(xyz), 0, abs(value), half, "mm", sentence, advice))
-    row = int(toolpath.xyz[:, 2].argmin())
-    xyz, layer = toolpath.xyz[row], int(toolpath.layer[row])
-    if xyz[2] < -PRECISION:
-        sentence = f"{place_of(layer, xyz)}: the nozzle is {-xyz[2]:.3f} mm below the bed, {_at(xyz)}."
+    over = toolpath.xyz[:, 2] - toolpath.xyz[:, :2] @ robot.bed_slope
+    row = int(over.argmin())
+    xyz, layer, height = toolpath.xyz[row], int(toolpath.layer[row]), float(over[row])
+    if height < -PRECISION:
+        sentence = f"{place_of(layer, xyz)}: the nozzle is {-height:.3f} mm below the bed, {_at(xyz)}."
         found.append(Finding(
-            "bed", layer, _triple(xyz), 0, float(xyz[2]), 0.0, "mm", sentence, "Place the part on z = 0."
+            "bed", layer, _triple(xyz), 0, height, 0.0, "mm", sentence, "Place the part on z = 0."
         ))
     return found
 
@@ -92,6 +93,8 @@ def _onto_bed(toolpath: Toolpath, axis: int, half: float) -> str:
     """What brings the nozzle back onto the plate along one axis."""
     name, laid = "xy"[axis], laying(toolpath)
     part = toolpath.xyz[laid & (toolpath.role != Role.SKIRT), axis]
+    if not laid.any():
+        return "Make it smaller."
     if len(part) and np.abs(part).max() <= half:
         return "The part itself stays on the plate: leave its skirt out (-s skirt_loops=0) or bring it nearer."
     span = float(np.ptp(toolpath.xyz[laid, axis]))

@@ -41,13 +41,16 @@ def has_ends(path: Toolpath) -> bool:
 
 
 def with_ends(path: Toolpath, robot: Robot, start: Any, *, printed_mm: float = 0.0) -> Toolpath:
-    """The toolpath with the way from home before it and the way home after it; as it is where it has them.
+    """The toolpath on the bed as it lies, with the way from home before it and the way home after it.
+
+    As it is where it has them.
 
     start: profile.printer.Start. printed_mm: height of what stands on the bed before the first move. Raises
     ImpossibleError where home lies lower than what stands there: then the nozzle cannot begin at it.
     """
     if has_ends(path):
         return path
+    path = _sheared(path, robot.bed_slope)
     home, top = home_point(robot), float(path.xyz[:, 2].max())
     if printed_mm and home[2] < printed_mm + start.lift_mm:
         raise _in_the_part(home, printed_mm + start.lift_mm)
@@ -164,7 +167,7 @@ def resumed(path: Toolpath, robot: Robot, start: Any, layer: int) -> tuple[Toolp
 
     In the second one the nozzle prints what is below `layer`, goes home, and comes back as the first one begins.
     """
-    path = without_ends(path)
+    path = without_ends(path, robot)
     rest = from_layer(path, layer)
     rows = len(path.xyz) - len(rest.xyz) + 1
     ends = np.append(path.starts[path.starts < rows], rows)
@@ -184,8 +187,8 @@ def _after(first: Toolpath, second: Toolpath) -> Toolpath:
                    events=Events.none())
 
 
-def without_ends(path: Toolpath) -> Toolpath:
-    """The toolpath without the machine's own moves."""
+def without_ends(path: Toolpath, robot: Robot) -> Toolpath:
+    """The toolpath as it was before `with_ends`, on a level bed and without the machine's own moves."""
     if not has_ends(path):
         return path
     own = np.flatnonzero(path.object != MACHINE)
@@ -195,7 +198,17 @@ def without_ends(path: Toolpath) -> Toolpath:
     starts = path.starts[(path.starts > first) & (path.starts <= stop)] - first
     events = _without_holds(path.events)
     index = np.where(events.index <= first + 1, np.where(events.index, 1, 0), events.index - first)
-    return replace(path, **columns, starts=starts, events=replace(events, index=index))
+    inner = replace(path, **columns, starts=starts, events=replace(events, index=index))
+    return _sheared(inner, -robot.bed_slope)
+
+
+def _sheared(path: Toolpath, slope: Array) -> Toolpath:
+    """On the plane of a bed that rises by `slope` (2,) per mm along x and y."""
+    if not slope.any():
+        return path
+    xyz = path.xyz.copy()
+    xyz[:, 2] += xyz[:, :2] @ slope
+    return replace(path, xyz=xyz)
 
 
 def _without_holds(events: Events) -> Events:

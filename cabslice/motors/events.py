@@ -67,6 +67,8 @@ def starts_of(trajectory: Trajectory, moves: Array) -> Array:
 def layers_of(trajectory: Trajectory, path: Toolpath, *, lead_s: float = 0.0) -> dict[str, list[Any]]:
     """The layers of a motion, the height each is printed at, and when it is whole: places to take the print up at."""
     rows = np.flatnonzero(path.role != Role.TRAVEL)
+    if not len(rows):
+        return {"layer": [], "z_mm": [], "whole_at_s": []}
     layers, back = np.unique(path.layer[rows][::-1], return_index=True)
     last = rows[len(rows) - 1 - back]
     ends = starts_of(trajectory, np.minimum(last + 1, len(path.layer) - 1))

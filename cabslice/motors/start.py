@@ -57,8 +57,17 @@ def start_header(header: Mapping[str, Any], lead: Lead, period_s: float) -> dict
         ],
         "home_pose": home["pose"], "zero_angles_rad": home["angles_rad"], "zero_tensions_n": home["tensions_n"],
         "angles_rad": header["start_angles_rad"], "tensions_n": header["start_tensions_n"],
-        "tensioning_rows": lead.rows(period_s), "tensioning_s": lead.rows(period_s) * period_s,
+        "bed": _bed(header), "tensioning_rows": lead.rows(period_s), "tensioning_s": lead.rows(period_s) * period_s,
         "ends": "at rest, tensions kept: the drives hold the last row",
+    }
+
+
+def _bed(header: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The plane z = height + slope (x - centre) the first layer is laid on, machine frame; None where not known."""
+    bed = (header.get("printer") or {}).get("bed")
+    return bed and {
+        "centre_mm": bed["centre_mm"], "height_mm": bed["z_mm"] + bed["first_layer_offset_mm"],
+        "first_layer_offset_mm": bed["first_layer_offset_mm"], "slope_mm_m": bed["slope_mm_m"],
     }
 
 

@@ -69,7 +69,15 @@ class Extruder(Table):
 class Bed(Table):
     """The plate the part stands on."""
 
-    z_mm: float = Field(description="height of the bed in the machine frame")
+    z_mm: float = Field(description="height of the bed in the machine frame, at its middle")
+    first_layer_offset_mm: float = Field(
+        default=0.0, ge=-2, le=2,
+        description="what the bed is found to stand higher: below 0 presses the first layer on; moves every layer",
+    )
+    slope_mm_m: list[Annotated[float, Field(ge=-20, le=20)]] = Field(
+        default=[0.0, 0.0], min_length=2, max_length=2,
+        description="rise of the plate towards +x and +y, mm per m: every layer follows it",
+    )
     centre_mm: list[float] = Field(
         default=[0.0, 0.0], min_length=2, max_length=2,
         description="x, y of its middle, machine frame",

@@ -137,6 +137,7 @@ class Robot:
     nozzle: Array | None = None      # (3,) mm, nozzle tip in the platform frame
     bed_origin: Array | None = None  # (3,) mm, middle of the bed in the machine frame
     bed_size: Array | None = None    # (2,) mm
+    bed_slope: Array = field(default_factory=lambda: np.zeros(2))   # (2,) rise of the bed per mm along x and y
     gravity: Array = field(default_factory=_earth)   # (3,) mm/s^2, machine frame
     name: str = ""
 
@@ -151,6 +152,7 @@ class Robot:
         columns["centre_of_mass"] = shape.column("centre_of_mass", self.centre_of_mass, "3")
         columns["home"] = shape.column("home", self.home, "6")
         columns["freedoms"] = shape.column("freedoms", self.freedoms, "6", np.bool_)
+        columns["bed_slope"] = shape.column("bed_slope", self.bed_slope, "2")
         columns["gravity"] = shape.column("gravity", self.gravity, "3")
         for name, size in (("nozzle", "3"), ("bed_origin", "3"), ("bed_size", "2")):
             if getattr(self, name) is not None:
@@ -188,11 +190,16 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
         freedoms=np.array([freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")]),
         winders=_winders(cables) if all(cable.winder for cable in cables) else None,
         nozzle=np.array(printer.nozzle.offset_mm) if printer.nozzle else None,
-        bed_origin=np.array([*printer.bed.centre_mm, printer.bed.z_mm]) if printer.bed else None,
+        bed_origin=_bed_origin(printer.bed) if printer.bed else None,
+        bed_slope=np.array(printer.bed.slope_mm_m) / 1e3 if printer.bed else np.zeros(2),
         bed_size=np.array(printer.bed.size_mm) if printer.bed else None,
         gravity=np.array([0.0, 0.0, -printer.gravity_mm_s2]),
         name=printer.name,
     )
+
+
+def _bed_origin(bed: Any) -> Array:
+    return np.array([*bed.centre_mm, bed.z_mm + bed.first_layer_offset_mm])
 
 
 def _strand_stiffness(cable: Any) -> float:
