@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -242,3 +243,31 @@ def test_a_full_disk_ends_in_a_sentence_and_resume_goes_on(tmp_path):
     FORMATS["stream"].write(stream, path, resume=True, progress=started.append)
     assert started[0] > 0
     assert path.read_bytes() == (tmp_path / "b.stream").read_bytes()
+
+
+UNSHARE = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
+FULL = """
+import sys
+sys.path[:0] = [{folder!r}, {root!r}]
+from motors_fakes import smooth_stream
+from cabslice.errors import OutputError
+from cabslice.motors.formats import FORMATS
+try:
+    FORMATS["stream"].write(smooth_stream(400_000, cables=4), "a.stream")
+except OutputError as error:
+    print(error.sentence, flush=True)
+"""
+
+
+def test_a_full_file_system_ends_in_a_sentence(tmp_path):
+    """A file system of 1 MB in memory, of a user without rights to mount anything else."""
+    probe = subprocess.run([*UNSHARE, f"mount -t tmpfs none {tmp_path}"], capture_output=True) \
+        if shutil.which("unshare") else None
+    if probe is None or probe.returncode:
+        pytest.skip("needs unshare and tmpfs")
+    root = os.path.dirname(os.path.dirname(__file__))
+    script = tmp_path.with_name("full.py")
+    script.write_text(FULL.format(folder=os.path.dirname(__file__), root=root))
+    small = f"mount -t tmpfs -o size=1m none {tmp_path} && cd {tmp_path} && {sys.executable} {script} && ls -A"
+    done = subprocess.run([*UNSHARE, small], capture_output=True, text=True)
+    assert done.stdout == "a.stream could not be written: the disk is full.\n", done.stderr
