@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import cabfab_optim
-from timing_cases import MATERIAL, PRINTER, PROCESS, polyline, print_like
+from timing_cases import MATERIAL, PRINTER, PROCESS, polyline, print_like, toolpath
 
 from cabslice.errors import ImpossibleError
 from cabslice.timing import recursion
@@ -269,3 +269,30 @@ def test_a_motor_too_weak_for_the_least_tension_is_named():
     winders = replace(ROBOT.winders, continuous_torque=np.full(8, 10.0))
     with pytest.raises(ImpossibleError, match=r"cable \d: its motor cannot hold"):
         plan(print_like(0), replace(ROBOT, winders=winders), PRINTER, MATERIAL, PROCESS)
+
+
+@pytest.mark.parametrize("step", [1e-12, 1e-9, 1e-6, 9e-4, 2e-3])
+def test_vertices_that_are_one_do_not_slow_the_piece(step):
+    """A corner, its end and its middle given many times, some hair apart: as fast as without."""
+    plain = polyline(points=[[0, 0, 1], [20, 0, 1], [20, 20, 1]], pieces=1)
+    hair = np.array([step, 0, 0])
+    steps = [(0, 0, 0), (8, 0, 0), (8, 0, 1), (8, 0, 2), (8, 0, 3), (20, 0, 0), (20, 0, -1), (20, 0, 1), (20, 20, 0),
+             (20, 20, 1)]
+    points = [np.array([x, y, 1.0]) + k * hair for x, y, k in steps]
+    doubled = polyline(points=points, pieces=1)
+    trajectory = planned(doubled)
+    verdict = judged(trajectory, doubled)
+    assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    assert trajectory.duration == pytest.approx(planned(plain).duration, rel=1e-3 if step < 1e-3 else 0.3)
+
+
+@pytest.mark.parametrize(("move", "filament"), [(0.0, 1e-300), (0.0, -1e-12), (0.0, 0.0), (1e-12, 0.0), (1e-12, 0.8),
+                                                (1e-7, 1e-9), (1e-300, 1e-300), (5e-4, 1e-4)])
+def test_a_piece_of_next_to_nothing_takes_next_to_no_time(move, filament):
+    points = np.array([[0, 0, 1], [20, 0, 1], [20 + move, 0, 1], [20 + move, 20, 1]])
+    path = toolpath(points, np.array([0, 0.5, filament, 0.5]), np.array([1, 2, 3, 4]))
+    trajectory = planned(path)
+    verdict = judged(trajectory, path)
+    assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    rest = planned(toolpath(points[[0, 1, 3]], np.array([0, 0.5, 0.5]), np.array([1, 2, 3]))).duration
+    assert rest < trajectory.duration < rest + 0.02 + 2 * np.sqrt(abs(filament) / 1500) + abs(filament) / 60

@@ -33,6 +33,8 @@ BLOCK_ROWS = 20_000
 ROUNDING = 1e-6             # of a limit: finite differences are not exact
 BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
+STILL_MM = 1e-9
+MERGED_MM = 1e-3            # vertices nearer than this may be taken for one
 FINER = 8
 CURED_BY_SLOWING = {
     "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
@@ -108,7 +110,7 @@ def examine(
     *, step_s: float = STEP_S, jobs: int = 1, progress: Progress | None = None,
 ) -> tuple[Verdict, Array, Array]:
     """The audit, and every time (B,) s at which a slower motion would help with its share (B,) of the limit."""
-    asked = np.where(toolpath.lengths > 0, toolpath.speed, 0.0)
+    asked = np.where(_moved(toolpath) > 0, toolpath.speed, 0.0)
     subject = Subject(trajectory, toolpath, robot, printer, material, process, step_s, asked)
     worst, blocks = Worst(), list(_blocks(trajectory.duration, step_s))
     with ThreadPoolExecutor(jobs) as pool:
@@ -121,6 +123,11 @@ def examine(
     _heat(subject, worst)
     times, shares = (np.concatenate([found[k] for found in worst.broken] or [np.zeros(0)]) for k in (0, 1))
     return _verdict(subject, worst, blocks[-1][1] if blocks else 0), times, shares
+
+
+def _moved(toolpath: Toolpath) -> Array:
+    """(N,) mm, lengths of the moves; what is shorter than STILL_MM stands still."""
+    return np.where(toolpath.lengths < STILL_MM, 0.0, toolpath.lengths)
 
 
 def _blocks(duration: float, step: float) -> Iterator[tuple[int, int]]:
@@ -287,10 +294,13 @@ def _whole_pieces(subject: Subject, worst: Worst) -> None:
     """Every piece is run from its start to the end of its length, with the rest before it that was asked for."""
     trajectory, toolpath = subject.trajectory, subject.toolpath
     first, last = trajectory.pieces[:-1], trajectory.pieces[1:] - 1
-    span = np.where(toolpath.lengths > 0, toolpath.lengths, np.abs(toolpath.filament))
+    lengths = _moved(toolpath)
+    span = np.where(lengths > 0, lengths, np.abs(toolpath.filament))
     length = np.add.reduceat(np.append(span, 0.0), toolpath.starts)[:-1]
+    merged = np.add.reduceat(np.append(np.where((lengths > 0) & (lengths < MERGED_MM), lengths + MERGED_MM, 0.0), 0.0),
+                             toolpath.starts)[:-1]
     short = np.maximum(np.abs(trajectory.s[first]), np.abs(trajectory.s[last] - length))
-    worst.see("missed", short, 1e-6 + 1e-9 * length, trajectory.time[last], trajectory.move[last])
+    worst.see("missed", short, 1e-6 + 1e-9 * length + merged, trajectory.time[last], trajectory.move[last])
     events = toolpath.events
     waits = np.zeros(len(first))
     dwell = events.kind == EventKind.DWELL
@@ -302,9 +312,11 @@ def _whole_pieces(subject: Subject, worst: Worst) -> None:
 
 
 def _coverage(subject: Subject, worst: Worst) -> None:
-    """No vertex was passed over: each of the moves was entered once."""
+    """No vertex was passed over: each of the moves was entered once, or at the very end lies where the motion ends."""
     moves = int(subject.toolpath.starts[-1] - subject.toolpath.starts[0])
-    missed, last = abs(moves - 1 - worst.vertices), np.array([moves])
+    left = subject.toolpath.xyz[int(subject.trajectory.move[-1]):]
+    here = len(left) - 1 if np.linalg.norm(left - left[-1], axis=1).max() <= 2 * MERGED_MM else 0
+    missed, last = abs(moves - 1 - here - worst.vertices), np.array([moves])
     worst.see("missed", np.array([float(missed)]), np.array([0.5]), np.array([subject.trajectory.duration]), last)
 
 

@@ -42,18 +42,19 @@ def _node_before(time, at, first, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _curve(vertex, direction, length, half, move, sigma, out):
+def _curve(vertex, direction, length, half, before, follow, move, sigma, out):
     """q, q', q'' into out (9,) at sigma mm into a move (timing.path); True where it bends."""
     after = sigma - length[move]
     corner, h, along = move, 0.0, after
-    if sigma < half[move - 1]:
-        corner, h, along = move - 1, half[move - 1], sigma
+    if sigma < half[before[move]]:
+        corner, along = before[move], sigma
+        h = half[corner]
     elif -after < half[move]:
         h = half[move]
     t = (along + h) / (2.0 * h) if h > 0.0 else 0.0
     for axis in range(3):
         base = direction[corner, axis] if h > 0.0 else direction[move, axis]
-        turn = direction[corner + 1, axis] - base if h > 0.0 else 0.0
+        turn = direction[follow[corner], axis] - base if h > 0.0 else 0.0
         out[axis] = vertex[corner, axis] + along * base + 2.0 * h * t * t * t * (1.0 - 0.5 * t) * turn
         out[3 + axis] = base + t * t * (3.0 - 2.0 * t) * turn
         out[6 + axis] = 3.0 * t * (1.0 - t) / h * turn if h > 0.0 else 0.0
@@ -71,13 +72,13 @@ def _place(time, s, x, node, at):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _state(path, plan, node, at, rests, out):
     """q, velocity, acceleration (9,), s, f and df/dt of the plan at a time within the interval at `node`."""
-    vertex, direction, length, begin, half, feed, filament = path
+    vertex, direction, length, begin, half, feed, filament, before, after = path
     time, s, x, move = plan
     place, rate, u = _place(time, s, x, node, at)
     if rests:
         rate, u = 0.0, 0.0
     into = min(max(place - begin[move[node]], 0.0), length[move[node]])
-    _curve(vertex, direction, length, half, move[node], into, out)
+    _curve(vertex, direction, length, half, before, after, move[node], into, out)
     for axis in range(3):
         out[6 + axis] = out[3 + axis] * u + out[6 + axis] * rate * rate
         out[3 + axis] *= rate
@@ -101,10 +102,10 @@ def _add(path, plan, node, start, until, base, gauss, total, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bends(path, plan, node):
     """Whether the interval at `node` lies in a blend: intervals do not straddle the ends of blends."""
-    _, _, length, begin, half, _, _ = path
+    _, _, length, begin, half, _, _, before, _ = path
     _, s, _, move = plan
     sigma = 0.5 * (s[node] + s[node + 1]) - begin[move[node]]
-    return sigma < half[move[node] - 1] or length[move[node]] - sigma < half[move[node]]
+    return sigma < half[before[move[node]]] or length[move[node]] - sigma < half[move[node]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -153,6 +154,7 @@ def moved(
     each time lies in.
     """
     motion, place, fed, feed = np.empty((len(times), 9)), *np.empty((3, len(times)))
-    columns = (path.vertex, path.direction, path.length, path.start, path.half, path.feed, path.filament)
+    columns = (path.vertex, path.direction, path.length, path.start, path.half, path.feed, path.filament, path.before,
+               path.after)
     _moved(columns, plan, first, last, np.ascontiguousarray(times, float), window, motion, place, fed, feed)
     return motion, place, fed, feed

@@ -62,16 +62,16 @@ def lay_grid(path: Path, starts: Array) -> Grid:
 
 def _sections(path: Path, moves: Array) -> tuple[Array, Array, Array]:
     """Length (M, 5), number of intervals (M, 5), grading (M, 5): +1 fine at its start, -1 fine at its end, 0 even."""
-    h_in, h_out = path.half[moves - 1], path.half[moves]
+    h_in, h_out = path.half[path.before[moves]], path.half[moves]
     straight = np.maximum(path.length[moves] - h_in - h_out, 0.0)
     straight[straight < 1e-9 * path.length[moves]] = 0.0
     end = np.minimum(straight / 2, REACH)
     middle = np.maximum(straight - 2 * REACH, 0.0)
     length = np.stack((h_in, end, middle, end, h_out), axis=1)
-    turn = np.linalg.norm(np.diff(path.direction, axis=0, append=path.direction[-1:]), axis=1)
-    blend = np.where(turn > SHARP, 3, 2)                                # intervals in half a blend
+    length[path.length[moves] == 0] = 0.0
+    blend = np.where(path.turn > SHARP, 3, 2)                                # intervals in half a blend
     count = np.ones(length.shape, np.int64)
-    count[:, 0], count[:, 4] = blend[moves - 1], blend[moves]
+    count[:, 0], count[:, 4] = blend[path.before[moves]], blend[moves]
     count[:, 1] = count[:, 3] = np.maximum(1, np.ceil(np.arcsinh(GROWTH * end / FINEST) / GROWTH))
     count[:, 2] = np.maximum(1, np.ceil(middle / COARSEST))
     graded = np.zeros(length.shape, np.int64)

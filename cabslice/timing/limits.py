@@ -148,18 +148,28 @@ def speed_limit(toolpath: Toolpath, path: Path, limits: Limits) -> Array:
 
     In an extrude-only move s is filament, so only the filament's own limits hold.
     """
-    travel = toolpath.lengths > 0
+    travel = path.direction.any(axis=1)
     feed = np.abs(path.feed)
     melting = travel & (feed > 0)
     by_flow = np.where(melting, limits.flow / np.maximum(feed * toolpath.filament_area_mm2, 1e-12), np.inf)
     by_drive = np.where(feed > 0, limits.feed_speed / np.maximum(feed, 1e-12), np.inf)
-    return np.minimum.reduce([toolpath.speed, np.where(travel, limits.speed, np.inf), by_flow, by_drive])
+    return np.minimum.reduce([_asked(toolpath, path), np.where(travel, limits.speed, np.inf), by_flow, by_drive])
+
+
+def _asked(toolpath: Toolpath, path: Path) -> Array:
+    """(N,) mm/s asked for in each move, the vertices left out on its way included."""
+    asked = toolpath.speed
+    for row in np.flatnonzero((path.length == 0) & (toolpath.lengths > 0)).tolist():
+        carrier = path.carrier[row]
+        asked = asked.copy() if asked is toolpath.speed else asked
+        asked[carrier] = min(asked[carrier], asked[row])
+    return asked
 
 
 def highest_x(grid: Grid, path: Path, limits: Limits, speed: Array) -> tuple[Array, Array]:
     """Largest x at the start and at the end of every interval, (I,) each, from speed (N,) and filament steps."""
     top = speed[grid.move] ** 2
-    jump = np.abs(np.diff(path.feed, append=path.feed[-1:]))
+    jump = np.abs(path.feed[path.after] - path.feed)
     through = np.where(jump > 0, (limits.feed_jump / np.maximum(jump, 1e-12)) ** 2, NO_SPEED_LIMIT)
     at_end = np.minimum(top, np.where(grid.high >= path.length[grid.move], through[grid.move], NO_SPEED_LIMIT))
     return top, at_end

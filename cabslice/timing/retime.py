@@ -214,8 +214,8 @@ def _pull_in(task: Task, block: Block, x: Array, factor: Array) -> None:
     trajectory, path = _trajectory(task, block, x), task.path
     vertex = block.start[block.sigma[block.start] == 0]
     vertex = np.setdiff1d(vertex, block.offsets[:-1])
-    before = block.move[vertex] - 1
-    turn = np.linalg.norm(path.direction[before + 1] - path.direction[before], axis=1)
+    before = path.before[block.move[vertex]]
+    turn = np.linalg.norm(path.direction[path.after[before]] - path.direction[before], axis=1)
     vertex, before = vertex[turn > GENTLE], before[turn > GENTLE]
     off = np.linalg.norm(sample(trajectory, trajectory.time[vertex]).poses[:, :3] - trajectory.to_pose
                          - path.vertex[before], axis=1)
