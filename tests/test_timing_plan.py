@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import cabfab_optim
-from timing_cases import MATERIAL, PRINTER, PROCESS, polyline, print_like, toolpath
+from timing_cases import FEED, MATERIAL, PRINTER, PROCESS, polyline, print_like, toolpath
 
 from cabslice.errors import ImpossibleError
 from cabslice.timing import recursion
@@ -296,3 +296,40 @@ def test_a_piece_of_next_to_nothing_takes_next_to_no_time(move, filament):
     assert verdict.ok, [finding.sentence for finding in verdict.findings]
     rest = planned(toolpath(points[[0, 1, 3]], np.array([0, 0.5, 0.5]), np.array([1, 2, 3]))).duration
     assert rest < trajectory.duration < rest + 0.02 + 2 * np.sqrt(abs(filament) / 1500) + abs(filament) / 60
+
+
+def layered(seconds, least_speed, *, layers=4, side=10.0):
+    """Squares on each other, with a travel between two of them: about half a second each."""
+    square = side * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+    points = [np.array([x + 0.5 * k, y, 0.2 * (k + 1)]) for k in range(layers) for x, y in square]
+    bead = np.array([FEED * side if k % 5 else 0.0 for k in range(5 * layers)])
+    starts = np.array([1, 5, *(row for k in range(1, layers) for row in (5 * k + 1, 5 * k + 5))])
+    path = replace(toolpath(np.array(points), bead, np.unique(starts)), layer=np.repeat(np.arange(layers), 5))
+    rows = np.flatnonzero(np.diff(path.layer, prepend=-1))
+    events = Events(np.append(0, rows), [EventKind.MIN_PRINT_SPEED, *[EventKind.MIN_LAYER_TIME] * layers],
+                    [least_speed, *[seconds] * layers])
+    return replace(path, events=events)
+
+
+@pytest.mark.parametrize(("seconds", "least_speed"), [(0.3, 10.0), (1.5, 10.0), (9.0, 10.0), (3.0, 500.0)])
+def test_a_layer_takes_the_time_asked_for_it_slowed_and_then_waited(seconds, least_speed):
+    path = layered(seconds, least_speed)
+    plain, trajectory = planned(replace(path, events=Events.none())), planned(path)
+    verdict = judged(trajectory, path)
+    assert verdict.ok, [finding.sentence for finding in verdict.findings]
+    begins = [trajectory.time[trajectory.pieces[np.searchsorted(path.starts, row)]] for row in (1, 5, 10, 15)]
+    spans = np.diff(begins)
+    assert (spans >= seconds - 1e-6).all()
+    own = np.diff([plain.time[plain.pieces[np.searchsorted(path.starts, row)]] for row in (1, 5, 10, 15)])
+    np.testing.assert_allclose(spans, np.maximum(own, seconds), atol=1e-6)
+    beads = np.flatnonzero((path.filament > 0)[trajectory.move[:-1]])
+    ratio = np.sqrt(plain.x[beads] / np.maximum(trajectory.x[beads], 1e-12))[plain.x[beads] > 1]
+    assert ratio.max() <= max(1.0, 100.0 / least_speed) + 1e-9         # no bead below the least speed
+    if seconds == 1.5:
+        assert ratio.min() > 1.5
+
+
+def test_the_audit_sees_a_layer_that_is_over_too_soon():
+    path = layered(3.0, 10.0)
+    hasty = planned(replace(path, events=Events.none()))
+    assert "layer-time" in {finding.code for finding in judged(hasty, path).findings}

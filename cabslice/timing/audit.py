@@ -25,8 +25,9 @@ from cabslice.robot.tension import unmeasured
 from cabslice.robot.usable import usable_tension_max
 from cabslice.robot.winder import motor_angles, transmission
 from cabslice.robot.wrench import wrench_matrix
+from cabslice.timing.layers import dwells, layer_spans, least_times
 from cabslice.timing.trajectory import Trajectory, sample
-from cabslice.toolpath.path import EventKind, Toolpath
+from cabslice.toolpath.path import RESTS, Toolpath
 
 STEP_S = 1e-3
 BLOCK_ROWS = 20_000
@@ -44,7 +45,8 @@ Progress = Callable[[int, int], None]
 
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
-         "missed": "", "dwell": "s", "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m"}
+         "missed": "", "dwell": "s", "layer-time": "s", "pause": "",
+         "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m"}
 
 
 @dataclass
@@ -301,14 +303,29 @@ def _whole_pieces(subject: Subject, worst: Worst) -> None:
                              toolpath.starts)[:-1]
     short = np.maximum(np.abs(trajectory.s[first]), np.abs(trajectory.s[last] - length))
     worst.see("missed", short, 1e-6 + 1e-9 * length + merged, trajectory.time[last], trajectory.move[last])
-    events = toolpath.events
-    waits = np.zeros(len(first))
-    dwell = events.kind == EventKind.DWELL
-    piece = np.searchsorted(toolpath.starts, events.index[dwell], side="left")
-    np.add.at(waits, np.minimum(piece, len(waits) - 1), events.value[dwell])
+    waits = dwells(toolpath)
     rested = trajectory.time[first] - np.concatenate(([0.0], trajectory.time[last[:-1]]))
     short = np.maximum(waits - rested, 0)
     worst.see("dwell", short, np.full(len(waits), 1e-6), trajectory.time[first], trajectory.move[first])
+    _layers(subject, worst)
+
+
+def _layers(subject: Subject, worst: Worst) -> None:
+    """Every layer but the last takes the time asked for it; a pause finds the nozzle at rest."""
+    trajectory, toolpath = subject.trajectory, subject.toolpath
+    spans, wanted = layer_spans(toolpath, trajectory), least_times(toolpath)
+    final = int(toolpath.layer[-1])
+    for number, seconds in wanted.items():
+        first, _, has = spans.get(number, (0, 0, np.inf))
+        if number != final:
+            node = trajectory.pieces[[first]]
+            short = np.array([max(seconds - has, 0.0)])
+            worst.see("layer-time", short, np.full(1, 1e-6 + 1e-9 * seconds), trajectory.time[node],
+                      trajectory.move[node])
+    stops = toolpath.events.index[np.isin(toolpath.events.kind, RESTS)]
+    lost = ~np.isin(stops, np.append(toolpath.starts, 0))
+    worst.see("pause", lost.astype(float), np.full(len(stops), 0.5), np.zeros(len(stops)),
+              np.minimum(stops, len(toolpath.xyz) - 1))
 
 
 def _coverage(subject: Subject, worst: Worst) -> None:
@@ -336,6 +353,8 @@ SENTENCES = {
     "motor-speed": "a motor turns faster than it may, winding and taking up the stretch of its cable",
     "motor-torque": "a motor gives more than its peak torque",
     "motor-heat": "a motor gives more than its continuous torque in the mean of squares over the print",
+    "layer-time": "a layer is over sooner than it may be",
+    "pause": "a pause is asked for where the nozzle does not rest",
     "rest": "a piece does not start and end at rest",
 }
 

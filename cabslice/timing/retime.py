@@ -19,12 +19,13 @@ from cabslice.feasibility.findings import Finding
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.robot.usable import usable_tension_max
 from cabslice.timing.grid import Grid, lay_grid
+from cabslice.timing.layers import dwells, paced
 from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit, take_up_cap
 from cabslice.timing.path import DEVIATION, Path, evaluate, smooth, to_corners
 from cabslice.timing.recursion import widened
 from cabslice.timing.rules import Rules, rules_for
 from cabslice.timing.trajectory import Trajectory, sample, times_between
-from cabslice.toolpath.path import EventKind, Toolpath
+from cabslice.toolpath.path import Toolpath
 
 BLOCK_NODES = 20_000       # nodes planned together
 ROUNDS = 6                 # of tightening where the motion between the nodes breaks a limit
@@ -87,7 +88,7 @@ def plan(
             if progress:
                 progress(int(block.pieces[-1]) + 1, len(toolpath.starts) - 1)
     everything = block_of(task.grid, np.arange(len(toolpath.starts) - 1))
-    return _trajectory(task, everything, np.concatenate(speeds))
+    return paced(_trajectory(task, everything, np.concatenate(speeds)), toolpath)
 
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
@@ -258,14 +259,5 @@ def _clock(toolpath: Toolpath, block: Block, s: Array, x: Array, window: float) 
         spent[block.start + 1] = times_between(s, x)[block.start]
     spent[block.offsets[:-1]] = window
     spent[0] = window / 2
-    _dwell(toolpath, block, spent)
+    spent[block.offsets[:-1]] += dwells(toolpath)[block.pieces]
     return np.cumsum(spent)
-
-
-def _dwell(toolpath: Toolpath, block: Block, spent: Array) -> None:
-    events = toolpath.events
-    dwells = events.kind == EventKind.DWELL
-    piece = np.searchsorted(toolpath.starts, events.index[dwells], side="left")
-    found = np.searchsorted(block.pieces, piece)
-    here = (found < len(block.pieces)) & (block.pieces[np.minimum(found, len(block.pieces) - 1)] == piece)
-    np.add.at(spent, block.offsets[:-1][found[here]], events.value[dwells][here])
