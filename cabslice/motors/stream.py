@@ -223,8 +223,14 @@ class _Source:
         p, inner = wide.poses[:, :3], slice(REACH, -REACH)
         accels = wide.accels[inner].copy()
         accels[:, :3] = (16 * (p[3:-1] + p[1:-3]) - (p[4:] + p[:-4]) - 30 * p[inner]) / (12 * self.period_s**2)
+        accels[self._rests(np.arange(low, high + 1))] = 0.0
         taken = (wide.poses[inner], wide.rates[inner], accels, wide.filament[inner], wide.move[inner])
         return _Rows(*(column[rows - low] for column in taken))
+
+    def _rests(self, rows: Array) -> Array:
+        """(K,) bool: before the motion begins and once it has ended; the file ends as it began, tension for tension."""
+        time = moving_time(rows, self.period_s, self.lead_rows, self.trajectory.duration)
+        return (time <= 0) | (time >= self.trajectory.duration)
 
     def at(self, rows: Array) -> Any:
         return self.sample(self.trajectory, moving_time(rows, self.period_s, self.lead_rows, self.trajectory.duration))
