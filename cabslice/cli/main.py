@@ -29,6 +29,7 @@ COMMANDS = {
         "check": "can this robot make this part? exit code 0 yes, 4 no",
         "start": "how to start a machine with a motor file, and where it stands when it stops",
         "inspect": "what is in a part, a product or a motor file; --png draws it",
+        "view": "see it in the browser: robot, part, layers, speeds, tensions, findings",
         "workspace": "where can the platform be, and where can it print?",
         "stiffness": "how stiffly do the cables hold the platform?",
         "optimize": "where a part stands best on the bed, and how large it may be",
@@ -44,6 +45,7 @@ FIRST_PAGE = f"""cabslice {__version__}: from an STL to the motor angles of a ca
   cabslice export PART.stl -p PRINTER    slice, check, plan, audit, and write the motor file
   cabslice check PART.stl -p PRINTER     can this robot make this part?
   cabslice inspect FILE                  what is in a part, a product or a motor file
+  cabslice view FILE                     see it in the browser, moving
   cabslice profile list                  the printers, materials and processes there are
 
 cabslice --help lists every command, cabslice COMMAND --help its options."""
