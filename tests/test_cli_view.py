@@ -82,7 +82,7 @@ def test_a_plan_shows_what_inspect_says(made, capsys):
     assert shown["min_tension_n"][1:].min() == pytest.approx(np.concatenate(rows).min(), rel=2e-3)
     plan = store.load(made / "box.plan")[1]
     assert unpacked(found["moves"]["time"])[-1] == pytest.approx(plan.trajectory.duration, abs=0.02)
-    assert shown["motor_rad_s"].max() == pytest.approx(max(said["peak_motor_speed_rad_s"]), rel=1e-3)
+    assert shown["motor_rad_s"].max() == pytest.approx(max(said["peak_motor_speed_rad_s"]), rel=1e-2)
 
 
 def test_the_time_of_a_move_is_when_the_motion_is_there(made, capsys):

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from robots import cabfab_optim
@@ -16,12 +16,16 @@ from cabslice.view.packing import LEVELS, packed, unpacked
 from cabslice.view.page import page
 from cabslice.view.scene import Field, Moves, Scene, of_mesh
 
+UNHURRIED = settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 
+
+@UNHURRIED
 @given(arrays.arrays(np.int64, st.integers(0, 50), elements=st.integers(-(2**40), 2**40)))
 def test_whole_numbers_come_back(values):
     np.testing.assert_array_equal(unpacked(packed(values, 1)), values)
 
 
+@UNHURRIED
 @given(arrays.arrays(np.float64, st.integers(1, 50), elements=st.floats(-1e6, 1e6)))
 def test_values_come_back_to_half_a_step(values):
     found = packed(values)

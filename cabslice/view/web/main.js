@@ -26,7 +26,7 @@ async function start() {
   await colourBy(fields.length && !moves ? fields[0].key : FEATURE.key);
   marks();
   fit(false);
-  state.ready = true;
+  Object.assign(state, { ready: true, opened: performance.now() });      // ms since the page was asked for
   $("wait").remove();
   redraw();
   for (const field of fields) await field.load();
@@ -174,7 +174,7 @@ function paintCells(values, low, high) {
 const layerIndex = (row) => {
   const wanted = moves.layer[row];
   let [low, high] = [0, moves.layers.length - 1];
-  while (low < high) { const middle = (low + high + 1) >> 1; if (moves.layers[middle][0] <= wanted) low = middle; else high = middle; }
+  while (low < high) { const middle = (low + high + 1) >> 1; if (moves.layers[middle][0] <= wanted) low = middle; else high = middle - 1; }
   return low;
 };
 
