@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -276,6 +277,14 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(alone, dask, t
     folder, parts = alone
     assert on_cluster(dask, parts, tmp_path / "out", kill_after=1) == 3
     assert bytes_of(tmp_path / "out") == bytes_of(folder / "out")
+
+
+def test_a_worker_of_another_version_does_not_make_anything(tmp_path):
+    wanted = asked.of_parts(parts_of(tmp_path / "parts", boxes=1, broken=0), asked.Row(printers=("cabfab-optim",)))
+    job = replace(asked.ready(wanted[0]), version="0.0.1")
+    (_, record, _), = local.run([job], str(tmp_path / "out"), processes=1)
+    assert (record["verdict"], record["exit_code"]) == ("wrong", 2)
+    assert "the job is for 0.0.1" in record["sentence"]
 
 
 def test_no_scheduler_is_a_sentence(tmp_path, capsys, monkeypatch):

@@ -179,7 +179,17 @@ def test_the_ways_belong_to_no_layer_and_what_a_layer_asks_for_begins_with_it():
     for kind in (EventKind.MIN_LAYER_TIME, EventKind.MIN_PRINT_SPEED):
         index = ended.events.index[ended.events.kind == kind]
         np.testing.assert_array_equal(index, np.flatnonzero(ended.layer == 0)[:1])
+    assert not find_faults(ended)
     assert (ended.events.index == 0).sum() == (path.events.index == 0).sum() - 2
+
+
+def test_heaters_and_fan_are_off_on_the_way_home():
+    ended = with_ends(layered(), ROBOT, START)
+    last = ended.events.index == np.flatnonzero(ended.layer == 4)[0]
+    assert {(kind, value) for kind, value in zip(ended.events.kind[last], ended.events.value[last], strict=True)} == {
+        (EventKind.NOZZLE_TEMPERATURE, 0), (EventKind.BED_TEMPERATURE, 0), (EventKind.FAN, 0)}
+    bare = dataclasses.replace(layered(), events=Events.none())
+    assert not len(with_ends(bare, ROBOT, START).events.index)
 
 
 def test_at_a_pause_there_are_rows_that_stand_still():

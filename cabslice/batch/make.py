@@ -11,9 +11,9 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from cabslice import errors, pipeline, store
+from cabslice import __version__, errors, pipeline, store
 from cabslice.batch.jobs import Job, Wanted
-from cabslice.errors import CabsliceError, ModelError
+from cabslice.errors import CabsliceError, ModelError, UsageError
 from cabslice.motors.formats import FORMATS, format_of
 from cabslice.motors.names import NAMES
 from cabslice.pipeline import Placed, Profiles
@@ -46,6 +46,8 @@ def make(job: Job, folder: str, resume: bool = False) -> tuple[Record, str]:
 
 
 def _made(job: Job, folder: Path, resume: bool) -> Record:
+    if job.version != __version__:
+        raise UsageError(f"This worker has cabslice {__version__}, the job is for {job.version}: install the same.")
     planned, verdict = pipeline.to_plan(begin(job))
     period = job.period_ms / 1e3 if job.period_ms else pipeline.period_of(planned)
     stream = pipeline.to_stream(planned, verdict, period_s=period)

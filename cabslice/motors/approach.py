@@ -4,7 +4,7 @@
     way in          home, [up, across,] over the first point, down to it   way out  up from the last point, across, home
 Rows of the way in and out are travels with `object` MACHINE, in a layer of their own before the first and after the
 last one. They go through check, planning and audit as all others. At a pause or a change of filament the nozzle waits
-HOLD_S, so that there are rows in which nothing moves, where a player can stop.
+HOLD_S, so that there are rows in which nothing moves, where a player can stop. Heat and fan are off on the way out.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ MACHINE = -2                   # Toolpath.object of the machine's own moves
 SAME = 1e-6                    # mm
 HOLD_S = 0.1
 LASTING = (EventKind.NOZZLE_TEMPERATURE, EventKind.BED_TEMPERATURE, EventKind.FAN, EventKind.MIN_PRINT_SPEED)
+SWITCHED = LASTING[:3]
+PARTS = ("index", "kind", "value")
 STOPS = (EventKind.PAUSE, EventKind.FILAMENT_CHANGE)
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer", "object")
 
@@ -92,6 +94,7 @@ def _joined(path: Toolpath, inward: Array, outward: Array, speed: float) -> Tool
     ends = ([1] if before else []), ([len(rows["xyz"])] if after else [])
     rows["layer"][before] -= before > 0
     events = _with_holds(_moved(path.events, before))
+    events = _with_off(events, len(path.xyz) + before) if after else events
     starts = np.concatenate((ends[0], path.starts + before, ends[1]))
     return replace(path, **rows, starts=starts, events=events)
 
@@ -105,9 +108,16 @@ def _moved(events: Events, before: int) -> Events:
 def _with_holds(events: Events) -> Events:
     stops = np.unique(events.index[np.isin(events.kind, STOPS)])
     holds = Events(stops, np.full(len(stops), EventKind.DWELL), np.full(len(stops), HOLD_S))
-    columns = (np.concatenate((getattr(events, name), getattr(holds, name))) for name in ("index", "kind", "value"))
+    columns = (np.concatenate((getattr(events, name), getattr(holds, name))) for name in PARTS)
     found = Events(*columns)
     return _in_order(found.index, found)
+
+
+def _with_off(events: Events, index: int) -> Events:
+    """Heaters and fan off at row `index`, those that are spoken of at all."""
+    kinds = [kind for kind in SWITCHED if (events.kind == kind).any()]
+    more = Events(np.full(len(kinds), index), np.array(kinds, np.int64), np.zeros(len(kinds)))
+    return Events(*(np.concatenate((getattr(events, name), getattr(more, name))) for name in PARTS))
 
 
 def _in_order(index: Array, events: Events) -> Events:
@@ -196,7 +206,8 @@ def without_ends(path: Toolpath, robot: Robot) -> Toolpath:
     columns = _copied(path, slice(first, stop))
     columns["object"][0], columns["layer"][0] = columns["object"][1], columns["layer"][1]
     starts = path.starts[(path.starts > first) & (path.starts <= stop)] - first
-    events = _without_holds(path.events)
+    kept = path.events.index < stop
+    events = _without_holds(Events(*(getattr(path.events, name)[kept] for name in PARTS)))
     index = np.where(events.index <= first + 1, np.where(events.index, 1, 0), events.index - first)
     inner = replace(path, **columns, starts=starts, events=replace(events, index=index))
     return _sheared(inner, -robot.bed_slope)
