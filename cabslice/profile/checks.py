@@ -11,6 +11,8 @@ Legend
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from cabslice.profile.cable_checks import MISSING, cable_faults
 from cabslice.profile.values import Faults, Values, cables_of, number, numbers, table
 
@@ -122,3 +124,27 @@ def _process(values: Values) -> Faults:
                 yield (bead,), f"expected at least {layer} = {height:g} (a bead is wider than high), found {width:g}"
     if number(table(values, "brim"), "width_mm") > 0 and number(table(values, "raft"), "layers") > 0:
         yield ("brim", "width_mm"), "expected 0 with a raft (raft.margin_mm is how far it reaches beyond the part)"
+    yield from _heights(values, nozzle)
+
+
+def _heights(values: Values, nozzle: float) -> Faults:
+    """Layer heights that vary: each at most what the beads allow; ranges in order, one height in one range."""
+    most = min(value for value in (nozzle, number(values, "bead_mm"), number(values, "outer_bead_mm")))
+    adaptive, layer = table(values, "adaptive"), number(values, "layer_mm")
+    low, high = number(adaptive, "min_mm", layer / 2), number(adaptive, "max_mm", layer)
+    if high > most:
+        yield ("adaptive", "max_mm"), f"expected at most nozzle and beads, {most:g}, found {high:g}"
+    if low > high:
+        yield ("adaptive", "min_mm"), f"expected at most max_mm = {high:g}, found {low:g}"
+    rows = values.get("ranges")
+    ranges = rows if isinstance(rows, list) and all(isinstance(one, Mapping) for one in rows) else []
+    before = 0.0
+    for index, one in enumerate(ranges):
+        begin, end = number(one, "from_mm"), number(one, "to_mm")
+        if begin < before:
+            yield ("ranges", index, "from_mm"), f"expected ranges in order, from {before:g} or higher, found {begin:g}"
+        if end <= begin:
+            yield ("ranges", index, "to_mm"), f"expected more than from_mm = {begin:g}, found {end:g}"
+        if (height := number(one, "layer_mm", layer)) > most:
+            yield ("ranges", index, "layer_mm"), f"expected at most nozzle and beads, {most:g}, found {height:g}"
+        before = end

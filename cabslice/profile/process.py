@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cabslice.profile.printer import Name, Table
-from cabslice.profile.stand import Brim, Raft, Support
+from cabslice.profile.stand import Adaptive, Brim, Raft, Range, Support
 
 Speed = Annotated[float, Field(gt=0, le=5000)]
 LayerNumber = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -142,6 +142,8 @@ class Process(Table):
     ironing: Ironing = Ironing()
     speeds_mm_s: Speeds
     retraction: Retraction
+    adaptive: Adaptive = Adaptive()
+    ranges: list[Range] = Field(default=[], max_length=1000, description="other values between two heights")
     brim: Brim = Brim()
     raft: Raft = Raft()
     support: Support = Support()

@@ -70,3 +70,23 @@ class Raft(Table):
     margin_mm: float = Field(default=3.0, ge=0, le=500, description="how far it reaches beyond the part and support")
     density: float = Field(default=0.4, gt=0, le=1, description="share of its lower layers that is filled")
     interface_density: float = Field(default=1.0, gt=0, le=1, description="share of its dense layers that is filled")
+
+
+class Adaptive(Table):
+    """Layers as thick as the slope of the surface beside them allows."""
+
+    cusp_mm: float = Field(
+        default=0.0, ge=0, le=5,
+        description="how far steps between layers may stand off a sloping surface, square to it; 0: all layers alike")
+    min_mm: float | None = Field(default=None, gt=0.01, le=5, description="thinnest layer; absent: half of layer_mm")
+    max_mm: float | None = Field(default=None, gt=0.01, le=5, description="thickest layer; absent: layer_mm")
+
+
+class Range(Table):
+    """Other values between two heights; what is absent is as everywhere."""
+
+    from_mm: float = Field(ge=0, le=1e6, description="height over the part's bottom from which they hold")
+    to_mm: float = Field(gt=0, le=1e6, description="height up to which they hold")
+    layer_mm: float | None = Field(default=None, gt=0.02, le=5, description="layer height, or less so that layers fit")
+    walls: int | None = Field(default=None, ge=0, le=1000, description="number of walls")
+    infill: float | None = Field(default=None, ge=0, le=1, description="share of the inside that is filled")

@@ -66,7 +66,10 @@ def iron(beads: BeadList, region: Region, filling: Filling, spacing: float, flow
 
 def together(process: Process) -> int:
     """Layers whose sparse infill is laid as one: as many as asked, but not higher than the nozzle is wide."""
-    return max(1, min(process.infill_every, int(process.nozzle_mm / process.layer_mm + 1e-6)))
+    thickest = max([process.layer_mm, *(one.layer_mm or 0.0 for one in process.ranges)])
+    if process.adaptive.cusp_mm:
+        thickest = max(thickest, process.adaptive.max_mm or 0.0)
+    return max(1, min(process.infill_every, int(process.nozzle_mm / thickest + 1e-6)))
 
 
 def sparse_pitch(process: Process, length: float, area: float) -> float:

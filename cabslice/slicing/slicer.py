@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, islice
+from itertools import chain, groupby, islice
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from cabslice.slicing.bridges import bridge_angle
 from cabslice.slicing.compensate import compensated
 from cabslice.slicing.fill import Filling, fill_solid, iron, sparse_pitch, together
 from cabslice.slicing.flow import bead_width
-from cabslice.slicing.heights import Heights, layer_heights
+from cabslice.slicing.heights import Heights, heights_of, process_at
 from cabslice.slicing.layer import Layer, Role
 from cabslice.slicing.parallel import in_order
 from cabslice.slicing.region import Region, from_rings, pieces, to_polygons
@@ -58,8 +58,8 @@ class Cutting:
     process: Process
     nozzle_mm: float
     heights: Heights
-    pitch_mm: float
-    low: Array    # (F,) mm, of each face
+    lateral: tuple[float, float]   # what sparse_pitch wants to know of the part
+    low: Array                     # (F,) mm, of each face
     high: Array
 
 
@@ -75,7 +75,7 @@ def slice_part(
     at the end if no layer has a bead of the part.
     """
     process = vase(process) if process.spiral else process
-    heights = layer_heights(float(part.vertices[:, 2].max()), process.first_layer_mm, process.layer_mm)
+    heights = heights_of(part, process)
     layers = _part_layers(part, heights, process, nozzle_mm, progress, jobs)
     asked = process.support
     support = plan_support(part, heights, asked, process.bead_mm, modifiers) if asked.kind != "none" else []
@@ -88,9 +88,9 @@ def _part_layers(
     part: Solid, heights: Heights, process: Process, nozzle_mm: float, progress: Progress | None, jobs: int
 ) -> Iterator[Layer]:
     """Layers of the part alone."""
-    pitch = sparse_pitch(process, *_lateral_share(part.vertices, part.faces))
+    lateral = _lateral_share(part.vertices, part.faces)
     z = part.vertices[:, 2][part.faces]
-    cutting = Cutting(part, process, nozzle_mm, heights, pitch, z.min(1), z.max(1))
+    cutting = Cutting(part, process, nozzle_mm, heights, lateral, z.min(1), z.max(1))
     made = in_order(partial(_run, cutting), _runs(heights, process), jobs)
     return _watched(chain.from_iterable(made), part.name, nozzle_mm, len(heights.top), progress)
 
@@ -133,8 +133,9 @@ def _run(cutting: Cutting, first: int, end: int) -> list[Layer]:
     near = neighbours(outlines, known, COARSE * process.bead_mm)
     layers: list[Layer] = []
     each_time = together(process) * max(1, TOGETHER // together(process))
-    while some := [_layer(each, heights, process, cutting.nozzle_mm) for each in islice(near, each_time)]:
-        lay_sparse([_sparse_layer(raw, heights) for raw in some], process, cutting.pitch_mm)
+    while some := [_layer(each, heights, process_at(process, float(heights.plane[each.index])), cutting.nozzle_mm)
+                   for each in islice(near, each_time)]:
+        _lay_sparse(some, cutting)
         _lay_strips(some, cutting.nozzle_mm)
         layers += [
             Layer(raw.index, float(heights.top[raw.index]), raw.filling.height_mm, to_polygons(raw.outline),
@@ -214,8 +215,14 @@ def _fill(
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips], parts.sparse if process.infill > 0 else Region()
 
 
-def _sparse_layer(raw: _RawLayer, heights: Heights) -> SparseLayer:
-    return SparseLayer(raw.index, float(heights.top[raw.index]), raw.sparse, raw.filling, raw.beads)
+def _lay_sparse(layers: list[_RawLayer], cutting: Cutting) -> None:
+    """The sparse infill of some layers; of those of a range with the values of the range."""
+    heights, process = cutting.heights, cutting.process
+    for own, run in groupby(layers, lambda raw: process_at(process, float(heights.plane[raw.index]))):
+        lay_sparse(
+            [SparseLayer(raw.index, float(heights.top[raw.index]), raw.sparse, raw.filling, raw.beads) for raw in run],
+            own, sparse_pitch(own, *cutting.lateral),
+        )
 
 
 def _lay_strips(layers: list[_RawLayer], nozzle: float) -> None:
