@@ -145,3 +145,14 @@ def test_wrong_heights_are_named(sets, said):
     with pytest.raises(ProfileError) as caught:
         shelf.load_process("standard-0.4", sets)
     assert said in str(caught.value)
+
+
+def test_infill_of_several_layers_at_once_is_no_higher_than_the_nozzle_where_layers_differ():
+    keys = {"infill": 0.3, "infill_every": 3, "layer_mm": 0.1, "first_layer_mm": 0.1, "top_layers": 1}
+    asked = process(ranges=[Range(from_mm=1.0, to_mm=2.0, layer_mm=0.2)], **keys)
+    layers = list(slice_part(prism(shapely.box(-10, -9, 10, 9), 0.0, 3.0), asked, nozzle_mm=0.4))
+    held = sum(bead_volume(layer) for layer in layers)
+    plain = sum(bead_volume(layer) for layer in slice_part(
+        prism(shapely.box(-10, -9, 10, 9), 0.0, 3.0), process(**keys | {"infill_every": 1}), nozzle_mm=0.4))
+    assert held / plain == pytest.approx(1, abs=0.05)
+    assert max(float(layer.beads.height.max(initial=0)) for layer in layers) <= 0.4 + 1e-9
