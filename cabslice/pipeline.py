@@ -65,6 +65,10 @@ class Placement:
     scale: float = 1.0
     turn_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
     at_mm: tuple[float, ...] | None = None
+    also: tuple[str, ...] = ()        # files of other parts on the same bed
+    copies: int = 1
+    gap_mm: float | None = None       # air between them; None: 10, or what the platform needs
+    sequence: str = "layers"          # "objects": one part after the other
 
 
 @dataclass(frozen=True)
@@ -78,11 +82,15 @@ class Foreign:
 
 @dataclass(frozen=True)
 class Placed:
-    """A part on the bed and what it will be made with: the start of the chain, not stored."""
+    """A part on the bed and what it will be made with: the start of the chain, not stored.
+
+    parts: where not empty, what `part` is made of, to be made one after the other.
+    """
 
     origin: Origin
     part: Part
     modifiers: Modifiers = NO_MODIFIERS
+    parts: tuple[Part, ...] = ()
 
 
 # ---- profiles
@@ -157,6 +165,12 @@ def read(
 
     if (blockers or enforcers) and profiles.process.support.kind == "none":
         raise UsageError("--support-blocker and --support-enforcer are for a part with support: -s support.kind=...")
+    if placement.also or placement.copies > 1:
+        if blockers or enforcers:
+            raise UsageError("--support-blocker and --support-enforcer are for a single part.")
+        if profiles.process.spiral:
+            raise UsageError("A spiral (spiral=true) is one bead without end: it is for a single part.")
+        return _plate((path, *placement.also), profiles, placement)
     paths = (path, *blockers, *enforcers)
     part, *others = (load_mesh(one, unit=placement.unit, scale=placement.scale) for one in paths)
     kinds = ["support blocker"] * len(blockers) + ["support enforcer"] * len(enforcers)
@@ -168,6 +182,55 @@ def read(
     )
     part, *others = place_with(part, others, turn_deg=placement.turn_deg, at_mm=placement.at_mm)
     return Placed(origin, part, Modifiers(others[:len(blockers)], others[len(blockers):]))
+
+
+GAP_MM, NOZZLE_MM = 10.0, 2.0     # between parts; between the platform and a part beside it
+
+
+def _plate(paths: Sequence[str | Path], profiles: Profiles, placement: Placement) -> Placed:
+    """Several parts side by side. Raises ImpossibleError where they stand too close to be made one after the other."""
+    from cabslice.mesh.arrange import arrange, united
+    from cabslice.mesh.load import load_mesh
+    from cabslice.mesh.place import place
+
+    loaded = [load_mesh(path, unit=placement.unit, scale=placement.scale) for path in paths]
+    parts = [place(one, turn_deg=placement.turn_deg) for one in loaded for _ in range(placement.copies)]
+    in_turn = placement.sequence == "objects"
+    needed = _clear_of_platform(parts, profiles) if in_turn else 0.0
+    gap = max(GAP_MM, needed) if placement.gap_mm is None else placement.gap_mm
+    if gap < needed:
+        raise ImpossibleError(
+            f"Parts made one after the other need {needed:.1f} mm between them: the platform, and what is laid around "
+            f"each part, would meet the finished ones at --gap {gap:g}. Give more, or --sequence layers.",
+            gap_mm=gap, needed_mm=needed,
+        )
+    bed = profiles.printer.bed.size_mm if profiles.printer.bed else None
+    parts = arrange(parts, gap, np.array(bed) if bed else None, placement.at_mm or (0, 0))
+    whole = united(parts)
+    stood = tuple(
+        f"part {one.name} sha256:{one.sha256} in x {low[0]:.3f} to {high[0]:.3f}, y {low[1]:.3f} to {high[1]:.3f} mm"
+        for one in parts for low, high in [one.bounds]
+    )
+    origin = Origin(
+        whole.name, whole.sha256, whole.repairs, whole.warnings,
+        placement.unit, float(placement.scale), tuple(placement.turn_deg), placement.at_mm,
+        _json(profiles.printer), _json(profiles.material), _json(profiles.process), stood,
+    )
+    return Placed(origin, whole, NO_MODIFIERS, tuple(parts) if in_turn else ())
+
+
+def _clear_of_platform(parts: Sequence[Part], profiles: Profiles) -> float:
+    """mm between parts made one after the other: room for skirt and brim; for the platform where it hangs as low."""
+    robot, process = robot_from_printer(profiles.printer), profiles.process
+    around = process.brim.width_mm + process.raft.margin_mm * (process.raft.layers > 0)
+    if process.skirt_loops:
+        around = max(around, process.skirt_gap_mm + process.skirt_loops * process.first_bead_mm)
+    assert robot.nozzle is not None
+    hanging = robot.attachments - robot.nozzle
+    tallest = sorted(float(part.vertices[:, 2].max()) for part in parts)[-2:][0]    # the tallest may come last
+    low = hanging[hanging[:, 2] < tallest + NOZZLE_MM]
+    radius = float(np.hypot(low[:, 0], low[:, 1]).max()) if len(low) else 0.0
+    return 2 * around + NOZZLE_MM if not radius else max(2 * around, around + radius) + NOZZLE_MM
 
 
 def read_gcode(path: str | Path, profiles: Profiles, foreign: Foreign | None = None) -> Laid:
@@ -495,15 +558,25 @@ def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
 
 
 def _cut(placed: Placed, progress: Progress, jobs: int) -> Iterator[Layer]:
+    """The layers of the part; of several made one after the other, numbered on from one to the next."""
     from cabslice.slicing.slicer import slice_part
 
     profiles = profiles_of(placed.origin)
     assert profiles.printer.nozzle
     nozzle = profiles.printer.nozzle.diameter_mm
     tick = partial(progress, "slice")
-    return slice_part(
-        placed.part, profiles.process, nozzle_mm=nozzle, progress=tick, jobs=jobs, modifiers=placed.modifiers
-    )
+    parts = sorted(placed.parts, key=lambda part: float(part.vertices[:, 2].max())) or [placed.part]   # tallest last
+    done = 0
+    for part in parts:
+        layers = slice_part(
+            part, profiles.process, nozzle_mm=nozzle, progress=tick, jobs=jobs, modifiers=placed.modifiers
+        )
+        if len(parts) == 1:
+            yield from layers
+            return
+        for layer in layers:
+            yield replace(layer, index=done + layer.index)
+        done += layer.index + 1
 
 
 def _only(product: Any, cls: type, stage: str) -> Any:

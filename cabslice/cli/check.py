@@ -15,7 +15,7 @@ from cabslice.errors import EXIT_IMPOSSIBLE
 @click.command("check")
 @click.argument("file", metavar="PART")
 @options.machine
-@options.placing
+@options.plate
 @options.jobs
 @click.option("--try/--no-try", "try_", default=True, help="Where it cannot: try what would help, or only say why not.")
 @options.talk

@@ -16,7 +16,7 @@ FORMATS = "\n\n".join(["Formats:", *(f"{row.name} ({row.suffix}): {row.about}" f
 @click.command("export", epilog=FORMATS)
 @click.argument("file", metavar="PART")
 @options.machine
-@options.placing
+@options.plate
 @options.engine
 @options.jobs
 @click.option("--period-ms", type=click.FloatRange(0.25, 50), help="Sample time of the drives; default: the printer's.")

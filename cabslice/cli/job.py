@@ -22,8 +22,9 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning
     """Read a part or an earlier product; say on stderr which profiles are used and what was mended."""
     from cabslice import pipeline, store
 
-    if not Path(file).is_file():
-        raise ModelError(f"{file}: there is no such file.", file=file)
+    for name in (file, *placing.also):
+        if not Path(name).is_file():
+            raise ModelError(f"{name}: there is no such file.", file=name)
     gcode = Path(file).suffix.lower() in pipeline.GCODE
     if placing.foreign.given and not gcode:
         raise UsageError(f"{file} is no G-code: --mismatch, --gcode-filament-mm and --gcode-origin are for G-code.")
@@ -38,12 +39,16 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning
     if gcode:
         if placing.given:
             raise UsageError(
-                f"{file} is G-code: --unit, --scale, --turn, --at and --support-... are for the part; slice it again."
+                f"{file} is G-code: other parts, --unit, --scale, --turn, --at, --copies, --gap, --sequence and "
+                "--support-... are for the part; slice it again."
             )
         _refuse_idle(file, machine)
         start: Any = pipeline.read_gcode(file, profiles, pipeline.Foreign(**vars(placing.foreign)))
     else:
-        place = pipeline.Placement(placing.unit, placing.scale, placing.turn, placing.at)
+        place = pipeline.Placement(
+            placing.unit, placing.scale, placing.turn, placing.at,
+            placing.also, placing.copies, placing.gap, placing.sequence,
+        )
         start = pipeline.read(file, profiles, place, blockers=placing.blockers, enforcers=placing.enforcers)
     tell_profiles(start.origin, talk)
     first_run.prepare(start.origin, talk, planning=planning)

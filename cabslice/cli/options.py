@@ -130,6 +130,10 @@ class Placing:
     blockers: tuple[str, ...] = ()
     enforcers: tuple[str, ...] = ()
     foreign: Foreign = Foreign()
+    also: tuple[str, ...] = ()
+    copies: int = 1
+    gap: float | None = None
+    sequence: str = "layers"
 
     @property
     def given(self) -> bool:
@@ -171,6 +175,15 @@ def _placing(
 
 place_only = _gather("placing", Placing, _PLACE)
 placing = _gather("placing", _placing, _PLACE | _SUPPORT | _FOREIGN)
+plate = _gather("placing", _placing, {        # of commands that take one part, or several for one bed
+    "also": click.argument("also", metavar="[PART...]", nargs=-1),
+} | _PLACE | {
+    "copies": click.option("--copies", type=click.IntRange(1, 10000), default=1, help="How many of each part."),
+    "gap": click.option("--gap", type=click.FloatRange(0, 10000),
+                        help="Air between several parts, mm; default: 10, more where the platform needs it."),
+    "sequence": click.option("--sequence", type=click.Choice(["layers", "objects"]), default="layers",
+                             show_default=True, help="Several parts layer by layer, or one after the other."),
+} | _SUPPORT | _FOREIGN)
 
 
 jobs = click.option("-j", "--jobs", type=click.IntRange(1, 256), default=lambda: os.cpu_count() or 1,

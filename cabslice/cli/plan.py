@@ -12,7 +12,7 @@ from cabslice.cli.report import Talk
 @click.command("plan")
 @click.argument("file", metavar="PART")
 @options.machine
-@options.placing
+@options.plate
 @options.engine
 @options.jobs
 @options.output

@@ -14,7 +14,7 @@ FORMATS = ("path", "gcode", "layers")
 @click.command("slice")
 @click.argument("file", metavar="PART")
 @options.machine
-@options.placing
+@options.plate
 @options.jobs
 @options.output
 @options.talk

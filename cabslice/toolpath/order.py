@@ -15,7 +15,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ModelError
 from cabslice.profile.material import Material
-from cabslice.profile.process import Process, Retraction
+from cabslice.profile.process import Process
 from cabslice.slicing.layer import Layer, Polygons, Role
 from cabslice.slicing.spiral import floors
 from cabslice.toolpath.events import events_of
@@ -34,7 +34,8 @@ SPEED_OF = {
 INSTEAD = {   # where the process does not say
     "support": "sparse_infill", "support_interface": "solid_infill", "ironing": "top_skin",
 }
-COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer")
+OVER_MM = 2.0      # over all that stands, on the way to the next object
+COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer", "object")
 
 
 @dataclass
@@ -43,6 +44,8 @@ class _Nozzle:
 
     xyz: Array | None = None
     layer: int = 0
+    top: float = 0.0         # mm, of all that is laid
+    object: int = 0
     seams: Array = field(default_factory=lambda: np.empty((0, 2)))
     ring: Array | None = None        # (N, 2) the last of a spiral
     below: Polygons | None = None    # outline of the last layer
@@ -53,7 +56,8 @@ def lay_toolpath(
 ) -> Toolpath:
     """The order in which the beads of all layers are laid, with travels, filament, asked speeds and events.
 
-    Layers come from the bed upwards and are taken one at a time. Speeds are those the process asks for (in the first
+    Layers come from the bed upwards and are taken one at a time; one that begins lower than the one before is the next
+    object, to which the nozzle goes above all that stands. Speeds are those the process asks for (in the first
     layer at most its first_layer); melt flow and machine lower them later. Raises ModelError where no layer holds a
     bead.
     """
@@ -81,7 +85,7 @@ def lay_toolpath(
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in COLUMNS}
     events = events_of(columns["layer"], columns["role"], material, process, rests)
     return Toolpath(
-        **columns, object=np.zeros(rows, np.int32), starts=_pieces(columns["xyz"], events), events=events,
+        **columns, starts=_pieces(columns["xyz"], events), events=events,
         filament_diameter_mm=filament_diameter_mm, source=source,
     )
 
@@ -96,7 +100,8 @@ def _flat(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, first
         return []
     start = nozzle.xyz
     rows = _moves(drawn, layer, nozzle, process, area, first=first)
-    if process.overhang_speeds_mm_s and below is not None and start is not None:
+    on_bed = start is not None and layer.z_mm < start[2] - SAME_PLACE     # the next object
+    if process.overhang_speeds_mm_s and below is not None and start is not None and not on_bed:
         rows = slowed(rows, start, below, process.outer_bead_mm, process.overhang_speeds_mm_s)
     return [rows]
 
@@ -169,34 +174,41 @@ def _moves(
     z, z_before = layer.z_mm, layer.z_mm if nozzle.xyz is None else nozzle.xyz[2]
     before = np.vstack((heads[:1] if nozzle.xyz is None else nozzle.xyz[None, :2], tails[:-1]))
     stops = layer.index in (*process.pause_layers, *process.filament_change_layers)
-    way = travels(drawn, layer, before, process, climbs=z != z_before, stops=stops and not first)
+    anew = nozzle.xyz is not None and z < z_before - SAME_PLACE
+    nozzle.object += anew
+    way = travels(drawn, layer, before, process, climbs=z != z_before, stops=(stops and not first) or anew, anew=anew)
     drawn, dry = coasted(drawn, way.retracted, process.retraction)
-    lead = _lead(way, process.retraction)
+    hop = np.full(len(heads), process.retraction.hop_mm if process.retraction.hop_mm > SAME_PLACE else 0.0)
+    if anew:
+        hop[0] = nozzle.top - max(z, z_before) + max(OVER_MM, hop[0])
+    lead = _lead(way, hop)
     lead[0] += first
     size = lead + np.diff(drawn.starts) - 1
     offset = np.cumsum(size) - size
-    rows = _blank(int(size.sum()), layer)
+    rows = _blank(int(size.sum()), layer, nozzle.object)
     _put_beads(rows, drawn, offset + lead, z, layer.height_mm)
-    rows["speed"] = _speeds(process, first)[rows["role"]]
+    on_bed = first or z - layer.height_mm < SAME_PLACE
+    rows["speed"] = _speeds(process, on_bed)[rows["role"]]
     if dry.any():
         _coast(rows, drawn, dry, offset + lead)
     rows["xyz"][0, :] = _at(heads[:1], z) if first else rows["xyz"][0]
     z_from = np.full(len(heads), z)
     z_from[0] = z_before
-    _put_travels(rows, way, offset, before, heads, z_from, z, process)
+    _put_travels(rows, way, offset, before, heads, z_from, z, hop, process)
     if way.retracted[0]:
         rows["layer"][:max(int(way.wipe_starts[1]), 1)] = nozzle.layer
     long = _feed(rows, rows["xyz"][0] if nozzle.xyz is None else nozzle.xyz, area)
-    nozzle.xyz, nozzle.layer = rows["xyz"][-1], layer.index
+    nozzle.xyz, nozzle.layer, nozzle.top = rows["xyz"][-1], layer.index, max(nozzle.top, z)
     useful = (long > 0) | (rows["filament"] != 0)
     useful[0] |= first
     return {name: column[useful] for name, column in rows.items()}
 
 
-def _blank(size: int, layer: Layer) -> dict[str, Array]:
+def _blank(size: int, layer: Layer, number: int) -> dict[str, Array]:
     rows = {name: np.zeros(size) for name in ("filament", "width", "height", "speed")}
     return rows | {
-        "xyz": np.zeros((size, 3)), "role": np.zeros(size, np.uint8), "layer": np.full(size, layer.index, np.int32)
+        "xyz": np.zeros((size, 3)), "role": np.zeros(size, np.uint8), "layer": np.full(size, layer.index, np.int32),
+        "object": np.full(size, number, np.int32),
     }
 
 
@@ -219,24 +231,19 @@ def _coast(rows: dict[str, Array], drawn: Drawn, dry: Array, offset: Array) -> N
         rows[name][row] = 0
 
 
-def _lift(retraction: Retraction) -> float:
-    return retraction.hop_mm if retraction.hop_mm > SAME_PLACE else 0.0
-
-
-def _lead(way: Travels, retraction: Retraction) -> Array:
+def _lead(way: Travels, hop: Array) -> Array:
     """(L,) rows before each line: draw back (or wipe), lift, travel, lower, prime; or travel; or none."""
     wiping, passing = np.diff(way.wipe_starts), np.diff(way.way_starts)
-    lifting = 2 if _lift(retraction) else 0
-    drawn_back = np.maximum(wiping, 1) + lifting + passing + 2
+    drawn_back = np.maximum(wiping, 1) + 2 * (hop > 0) + passing + 2
     return np.where(way.retracted, drawn_back, np.where(way.direct, passing + 1, 0))
 
 
 def _put_travels(
     rows: dict[str, Array], way: Travels, row: Array, here: Array, there: Array, z_from: Array, z: float,
-    process: Process,
+    hop: Array, process: Process,
 ) -> None:
-    """The rows before each line, from `here` (L, 2) to `there` (L, 2), beginning at `row` (L,)."""
-    hop, back, retraction = _lift(process.retraction), way.retracted, process.retraction
+    """The rows before each line, from `here` (L, 2) to `there` (L, 2), beginning at `row` (L,); hop (L,) mm."""
+    back, retraction = way.retracted, process.retraction
     here, now = here.copy(), row.copy()
     wiping = np.diff(way.wipe_starts) > 0
     still = back & ~wiping
@@ -246,9 +253,9 @@ def _put_travels(
         _put_wipes(rows, way, now, here, z_from, process)
     now += np.where(back, np.maximum(np.diff(way.wipe_starts), 1), 0)
     level = np.where(back & (hop > 0), np.maximum(z_from, z) + hop, z)
-    if hop:
-        rows["xyz"][now[back]] = _at(here[back], level[back])
-        now += back
+    lifted = back & (hop > 0)
+    rows["xyz"][now[lifted]] = _at(here[lifted], level[lifted])
+    now += lifted
     moving = back | way.direct
     passing = np.where(moving, np.diff(way.way_starts), 0)
     points = np.repeat(moving, np.diff(way.way_starts))
@@ -257,9 +264,8 @@ def _put_travels(
     rows["xyz"][step] = _at(way.ways[points], np.repeat(level, passing))
     now += passing
     rows["xyz"][now[moving]] = _at(there[moving], level[moving])
-    last = now[back] + (2 if hop else 1)
-    for at in range(1, 3 if hop else 2):
-        rows["xyz"][now[back] + at] = _at(there[back], z)
+    last = now[back] + np.where(lifted, 2, 1)[back]
+    rows["xyz"][now[back] + 1] = rows["xyz"][last] = _at(there[back], z)
     rows["filament"][last] = retraction.length_mm + retraction.prime_extra_mm
     rows["speed"][last] = retraction.prime_speed_mm_s
 

@@ -36,21 +36,25 @@ class Travels:
     wipe_starts: Array
 
 
-def travels(drawn: Drawn, layer: Layer, before: Array, process: Process, *, climbs: bool, stops: bool) -> Travels:
+def travels(
+    drawn: Drawn, layer: Layer, before: Array, process: Process, *, climbs: bool, stops: bool, anew: bool = False
+) -> Travels:
     """To the lines of a layer from `before` (L, 2).
 
-    climbs: the first comes from another height; stops: the nozzle waits before it, drawn back.
+    climbs: the first comes from another height; stops: the nozzle waits before it, drawn back; anew: it comes from
+    another object.
     """
     retraction, heads = process.retraction, drawn.points[drawn.starts[:-1]]
     gap = np.linalg.norm(heads - before, axis=1)
     apart = gap > SAME_PLACE
     together = np.diff(drawn.island, prepend=drawn.island[:1]) == 0
+    together[0] &= not anew
     free, ways, way_starts = _inside(layer.outline, before, heads, apart & together, process)
     free &= gap <= retraction.inside_travel_mm
     free &= (drawn.role != Role.TOP_SKIN) & (np.roll(drawn.role, 1) != Role.TOP_SKIN)
     drawing_back = retraction.length_mm > 0
     retracted = apart & (~together | (~free & (gap >= retraction.min_travel_mm))) & drawing_back
-    retracted[0] |= stops and drawing_back
+    retracted[0] |= (stops and drawing_back) or anew
     direct = apart & ~retracted
     direct[0] |= climbs and not retracted[0]
     wipes, wipe_starts = _wipes(drawn, retracted, retraction)
