@@ -75,7 +75,7 @@ def test_one_after_the_other_goes_over_what_stands():
     alone = laid(profile, scale=0.2)
     used = [one.filament[one.role == Role.OUTER_WALL].sum() for one in (alone, path)]
     assert used[1] == pytest.approx(3 * used[0], rel=1e-5)
-    first = path.layer == path.layer[path.object == 1].min()
+    first = path.layer == path.layer[(path.object == 1) & (path.role != Role.TRAVEL)].min()
     assert path.speed[first & (path.role == Role.OUTER_WALL)].max() <= profile.process.speeds_mm_s.first_layer
     still = laid(profiles("retraction.length_mm=0"), scale=0.2, copies=2, sequence="objects")
     assert still.xyz[:, 2].max() >= height + 2 - 1e-9            # over it also where nothing is drawn back
