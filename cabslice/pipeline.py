@@ -480,15 +480,17 @@ def save_stream(
     return numbers.of_stream(FORMATS[format].read(path))
 
 
-def save_gcode(laid: Laid, path: str | Path, *, overwrite: bool = False) -> None:
-    """The path as G-code for ordinary viewers; the robot is not driven with it."""
+def save_gcode(laid: Laid, path: str | Path, *, overwrite: bool = False, flavor: str = "marlin") -> None:
+    """The path as G-code for ordinary viewers and printers; the robot is not driven with it."""
     from cabslice.toolpath.gcode import write_gcode
 
     profiles = profiles_of(laid.origin)
+    bed = profiles.printer.bed
     with atomic(path, overwrite) as file:
         write_gcode(
             laid.toolpath, file,
             printer_name=profiles.printer.name, material=profiles.material, process=profiles.process,
+            flavor=flavor, bed_mm=(bed.size_mm[0], bed.size_mm[1]) if bed else None,
         )
 
 
@@ -538,6 +540,8 @@ def numbers_of(product: Laid | Planned, period_s: float | None = None) -> dict[s
     """Of the path; of a plan also of the motion, sampled every period_s."""
     material = profiles_of(product.origin).material
     found = summary(product.toolpath, density_g_cm3=material.density_g_cm3)
+    if material.price_per_kg is not None:
+        found["cost"] = found["mass_g"] / 1000 * material.price_per_kg
     if isinstance(product, Planned):
         found |= numbers.of_motion(product.trajectory, product.toolpath, period_s or period_of(product))
     return found

@@ -16,9 +16,13 @@ FORMATS = ("path", "gcode", "layers")
 @options.machine
 @options.plate
 @options.jobs
+@click.option("--flavor", type=click.Choice(["marlin", "klipper", "reprapfirmware"]), default="marlin",
+              show_default=True, help="Firmware that G-code is written for.")
 @options.output
 @options.talk
-def slice(file: str, machine: Machine, placing: Placing, jobs: int, output: Output, talk: Talk) -> None:
+def slice(
+    file: str, machine: Machine, placing: Placing, jobs: int, flavor: str, output: Output, talk: Talk
+) -> None:
     """Cut a part into layers and lay the path of the nozzle.
 
     PART is a mesh (STL, OBJ, PLY, OFF, 3MF) or a .layers file. Writes .path, which the later commands take;
@@ -42,6 +46,6 @@ def slice(file: str, machine: Machine, placing: Placing, jobs: int, output: Outp
             if target.format == "path":
                 store.save(laid, target.path, overwrite=target.overwrite)
             else:
-                pipeline.save_gcode(laid, target.path, overwrite=target.overwrite)
+                pipeline.save_gcode(laid, target.path, overwrite=target.overwrite, flavor=flavor)
     content = summary("slice", product, target.path) | {"numbers": found}
     talk.answer(content, tables.number_table(found), target.wrote)

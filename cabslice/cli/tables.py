@@ -21,6 +21,7 @@ NUMBERS: dict[str, tuple[str, Show]] = {   # key of view.numbers: what it is cal
     "retractions": ("retractions", lambda value: f"{value}"),
     "filament_mm": ("filament", lambda value: f"{value / 1e3:.3f} m"),
     "mass_g": ("weight", lambda value: f"{value:.2f} g"),
+    "cost": ("cost", lambda value: f"{value:.2f}"),
     "duration_s": ("print time", lambda value: clock(value)),
     "peak_nozzle_speed_mm_s": ("peak nozzle speed", lambda value: f"{value:.2f} mm/s"),
     "peak_nozzle_acceleration_mm_s2": ("peak nozzle acceleration", lambda value: f"{value:.0f} mm/s2"),

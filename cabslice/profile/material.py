@@ -41,3 +41,6 @@ class Material(Table):
     min_speed_mm_s: float = Field(
         default=10.0, gt=0, le=1000, description="beads are not slowed below this to make min_layer_s",
     )
+    pressure_advance_s: float | None = Field(
+        default=None, ge=0, le=10, description="pressure or linear advance, written into G-code for its firmware",
+    )

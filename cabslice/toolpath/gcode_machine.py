@@ -118,6 +118,8 @@ class Machine:
             self._move(parse(rest))
         elif name in COMMANDS:
             COMMANDS[name](self, parse(rest))
+        elif name == "EXCLUDE_OBJECT_START":
+            self.tell(object=self._object(rest.strip().lower()))
         elif name == "M600":
             self._event(EventKind.FILAMENT_CHANGE, 0.0, rests=True)
         elif name in PAUSES:
@@ -171,6 +173,11 @@ class Machine:
             self.own = True
         elif not alone and not self.typed and text.lower() in ROLE_OF:
             self.tell(role=ROLE_OF[text.lower()])
+
+    def _object(self, words: str) -> int:
+        """The number of an object by what a file calls it."""
+        number = words.removeprefix("name=object_")
+        return int(number) if self.own and number.isdecimal() else self.objects.setdefault(words, len(self.objects))
 
     def _next_layer(self) -> None:
         self.layers += 1

@@ -25,6 +25,7 @@ from cabslice.toolpath.path import EventKind, Events, Toolpath, piece_starts
 
 USUAL_FILAMENT_MM = 1.75
 SAME_Z = 1e-6   # mm
+LASTING = (EventKind.NOZZLE_TEMPERATURE, EventKind.BED_TEMPERATURE, EventKind.FAN, EventKind.MIN_PRINT_SPEED)
 
 
 @dataclass(frozen=True)
@@ -200,12 +201,12 @@ def _events(machine: Machine, first: int, last: int) -> Events:
     current: dict[int, float] = {}
     for row, kind, value in machine.events:
         at = max(row + 1 - first, 0) if row else 0
-        lasting = kind in (EventKind.NOZZLE_TEMPERATURE, EventKind.BED_TEMPERATURE, EventKind.FAN)
+        lasting = kind in LASTING
         if row + 1 > last or (lasting and current.get(kind) == value):
             continue
         if lasting:
             current[kind] = value
-        elif row + 1 <= first:
+        elif row + 1 <= first and not machine.own:
             continue
         kept.append((at, kind, value))
     kept = [event for event, after in pairwise([*kept, (-1, 0, 0.0)]) if event[:2] != after[:2]]
