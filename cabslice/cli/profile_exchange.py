@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 FORMATS = ("reprap",)
 SUFFIXES = {"reprap": "g"}
+SETTINGS = (".ini", ".gcode", ".gco", ".curaprofile", ".cfg")     # of profile.slicers, which --help does not import
 WIDEST = 60          # characters of a value in the table of differences
 
 
@@ -29,7 +30,10 @@ WIDEST = 60          # characters of a value in the table of differences
 def import_(
     files: tuple[str, ...], name: str | None, cable_set: str | None, to: str | None, overwrite: bool, talk: Talk
 ) -> None:
-    """Make a printer profile of another program's files.
+    """Make a printer profile of another program's files, or a process and a material of another slicer's settings.
+
+    Settings: an .ini or G-code of PrusaSlicer; a .curaprofile, .cfg or G-code of Cura. NAME.toml is the process,
+    NAME-material.toml the material; what the file does not say is inherited, what has no place here is named.
 
     One config.g of a Hangprinter (RepRapFirmware: M669, M666, M208), or a bodies and a cables file of CASPR (XML). The
     profile says behind each value which line it is from; what the files do not say is assumed, and marked so. Exit
@@ -42,6 +46,11 @@ def import_(
         raise UsageError("-o - and --json both want stdout: choose one.")
     if name is not None:
         checked_name(name)
+    if any(file.lower().endswith(SETTINGS) for file in files):
+        if len(files) != 1 or cable_set:
+            raise UsageError("Settings of a slicer are imported one file at a time, without --cable-set.")
+        _settings(Path(files[0]), name, to, overwrite, talk)
+        return
     made = _imported([Path(file) for file in files], name, cable_set)
     path = target(to, made.model.name)
     with atomic(path, overwrite) as file:
@@ -54,6 +63,34 @@ def import_(
             "assumed": made.model.assumed, "left_out": made.left_out,
         }, f"wrote {path}; {len(made.model.assumed)} entries are assumed",
             f"next: read what is marked as assumed, then cabslice profile check {path}")
+
+
+def _settings(file: Path, name: str | None, to: str | None, overwrite: bool, talk: Talk) -> None:
+    from cabslice.cli.profile import target
+    from cabslice.files import atomic
+    from cabslice.profile.slicers import read_settings
+
+    if to == "-":
+        raise UsageError("A process and a material are two files: give -o a folder, or none.")
+    if not file.is_file():
+        raise ProfileError(str(file), ["there is no such file"])
+    made = read_settings(file, name)
+    paths = target(to, made.process.name), target(to and str(Path(to).parent) + "/", made.material.name)
+    if to and (to.endswith("/") or Path(to).is_dir()):
+        paths = paths[0], target(to, made.material.name)
+    for path in paths:
+        options.claim(path, overwrite)
+    for path, text in zip(paths, (made.process_toml, made.material_toml), strict=True):
+        with atomic(path, overwrite) as out:
+            out.write(text.encode())
+    if made.left_out:
+        talk.say(f"not taken: {', '.join(made.left_out)}")
+    talk.answer(
+        {"ok": True, "command": "profile import", "name": made.process.name, "outputs": list(paths),
+         "left_out": made.left_out},
+        f"wrote {paths[0]} and {paths[1]}; {len(made.left_out)} settings have no place here",
+        f"next: cabslice slice PART --process {paths[0]} -m {paths[1]}, or cabslice profile diff",
+    )
 
 
 def _imported(paths: list[Path], name: str | None, cable_set: str | None) -> Imported:
