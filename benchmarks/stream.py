@@ -11,7 +11,6 @@ Memory: each job length is a process of its own that writes its rows, made block
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -116,19 +115,28 @@ def job(hours: float) -> None:
     long = repeated(list(stream), dict(stream.header), round(hours * 3600 / PERIOD_S))
     with tempfile.TemporaryDirectory() as folder:
         formats.FORMATS["stream"].write(long, Path(folder) / "a.stream")
-        print(f"{hours:g} h: {long.rows} rows, {(Path(folder) / 'a.stream').stat().st_size / 1e6:.0f} MB", end="")
+        size = (Path(folder) / "a.stream").stat().st_size / 1e6
+    print(f"{hours:g} h: {long.rows} rows, {size:.0f} MB, {time.process_time():.1f} CPU s, peak {peak_mib():.1f} MiB")
+
+
+def peak_mib() -> float:
+    """Of this process since it began: getrusage would tell of the one it was forked from as well."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(next(line for line in status.read_text().splitlines() if line.startswith("VmHWM")).split()[1]) / 1024
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def memory(hours: list[float]) -> bool:
     peaks = []
     for length in hours:
-        process = subprocess.Popen([sys.executable, __file__, "--job", str(length)])
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        peaks.append(used.ru_maxrss / 1024)
-        print(f", {used.ru_utime + used.ru_stime:.1f} CPU s, peak {peaks[-1]:.1f} MiB")
-        if process.returncode:
+        told = subprocess.run([sys.executable, __file__, "--job", str(length)], capture_output=True, text=True)
+        print(told.stdout + told.stderr, end="")
+        if told.returncode:
             return False
+        peaks.append(float(told.stdout.split()[-2]))
     return max(peaks) - min(peaks) <= TARGETS["mib"]
 
 

@@ -105,7 +105,7 @@ def test_resume_makes_only_what_is_not_there(alone, tmp_path, monkeypatch):
     assert len(asked_for) == 4, "another setting makes other jobs"
 
 
-def test_a_batch_that_was_stopped_is_gone_on_with(alone, tmp_path, monkeypatch):
+def test_a_batch_that_was_stopped_is_gone_on_with(alone, tmp_path, monkeypatch, capsys):
     folder, parts = alone
     words = ["batch", *parts, *PRINTER, *SETS, "-o", tmp_path / "out", "-q", "-j", 1]
     make, made = local.make, []
@@ -118,7 +118,8 @@ def test_a_batch_that_was_stopped_is_gone_on_with(alone, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(local, "make", stopped)
-        assert run(*words) == 130
+        assert run(*words[:-3], "-j", 1) == 130
+    assert "go on with --resume" in capsys.readouterr().err
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         ".manifest.journal", "box000.stream", "box001.stream"]
     with (tmp_path / "out" / ".manifest.journal").open("ab") as file:

@@ -34,8 +34,8 @@ def run(
         _refuse_existing(jobs, folder)
     with manifest.Journal(folder, resume=resume) as journal:
         records |= {number: kept for number, job in jobs.items() if (kept := journal.kept(job.key))}
-        for record in records.values():
-            tell(record, "", len(records), len(wanted))
+        for count, record in enumerate(records.values(), start=1):
+            tell(record, "", count, len(wanted))
         left = [number for number in jobs if number not in records]
         for number, record, trace in _results([jobs[number] for number in left], folder, processes, scheduler, resume):
             journal.add(jobs[left[number]].key, record)

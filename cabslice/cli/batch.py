@@ -61,9 +61,13 @@ def batch(
             if trace:
                 talk.say(trace)
 
-        told = run.run(
-            wanted, folder, processes=jobs, scheduler=scheduler, resume=resume, overwrite=overwrite, tell=tell
-        )
+        try:
+            told = run.run(
+                wanted, folder, processes=jobs, scheduler=scheduler, resume=resume, overwrite=overwrite, tell=tell
+            )
+        except KeyboardInterrupt:
+            talk.say("What is made is kept: go on with --resume.")
+            raise
     code = run.exit_code(told)
     content = {"ok": code == 0, "command": "batch", "exit_code": code, "output": str(Path(folder) / "manifest.json")}
     talk.answer(content | told, _table(told), _sum(told), f"wrote {Path(folder) / 'manifest.json'}")

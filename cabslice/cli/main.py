@@ -144,7 +144,7 @@ def _closed_pipe() -> int:
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code and sentence of anything that can be raised."""
     if isinstance(error, (KeyboardInterrupt, click.Abort)) or interrupt.asked():
-        return errors.EXIT_INTERRUPTED, "Interrupted; nothing was written."
+        return errors.EXIT_INTERRUPTED, "Interrupted; nothing half-written is left."
     if isinstance(error, errors.CabsliceError):
         return error.exit_code, error.sentence
     if isinstance(error, click.UsageError):

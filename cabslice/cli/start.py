@@ -109,7 +109,8 @@ def _words(header: Mapping[str, Any]) -> list[str | Table]:
     plane = f"bed: {bed['height_mm']:g} mm at its middle (first layer offset {bed['first_layer_offset_mm']:g} mm), " \
             f"rises {bed['slope_mm_m'][0]:g} and {bed['slope_mm_m'][1]:g} mm/m towards x and y" if bed else ""
     return [
-        f"homing pose of the platform: {pose} mm, level", plane, *steps, table, f"before the first row: {heating}",
+        str(header.get("about", "")), f"homing pose of the platform: {pose} mm, level", plane, *steps, table,
+        f"before the first row: {heating}",
         f"rows 0 to {told['tensioning_rows']} tension the cables ({told['tensioning_s']:g} s); at the end the platform "
         f"is {told['ends']}", *reaction,
     ]

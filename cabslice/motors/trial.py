@@ -88,7 +88,10 @@ def jog(
 
     changed = {"trial": "jog", "about": TRIAL["jog"], "cable": cable, "start_angles_rad": angle[0].tolist(),
                "end_angles_rad": angle[-1].tolist(), "start_tensions_n": [0.0] * robot.cables}
-    started = {**base.header["start"], "angles_rad": angle[0].tolist(), "tensions_n": [0.0] * robot.cables}
+    steps = ["take the cable of the motor off the platform and keep hands off it",
+             "set every encoder to start.angles_rad, where the motors stand, then play"]
+    started = {**base.header["start"], "steps": steps, "angles_rad": angle[0].tolist(),
+               "tensions_n": [0.0] * robot.cables}
     return replace(base, header={**base.header, **changed, "start": started}, blocks=blocks, later=None)
 
 
