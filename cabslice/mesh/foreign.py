@@ -1,4 +1,4 @@
-"""OBJ, PLY, OFF and 3MF: the doorway to trimesh.
+"""OBJ, PLY, OFF, 3MF and STEP: the doorway to trimesh.
 
 trimesh tells a 3MF's unit but does not apply it, and leaves faces of mirrored objects inside out: both are done here.
 """
@@ -14,21 +14,30 @@ from cabslice.arrays import Array
 from cabslice.errors import ModelError
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4, "ft": 304.8}
+METRES = 1000.0      # mm: STEP comes by way of glTF, which is in metres
+FACETS: dict[str, dict[str, Any]] = {"step": {"tol_linear": 0.01, "tol_angular": 0.2}}   # mm, rad off the true surface
 _UNITS_3MF = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
 
 
 def read_foreign(data: bytes, name: str, file_type: str) -> tuple[Array, list[str], float | None]:
-    """Triangles (F, 3, 3) in the file's unit, sentences, and mm per unit if the file says (3MF), else None.
+    """Triangles (F, 3, 3) in the file's unit, sentences, and mm per unit if the file says (3MF, STEP), else
+    None.
 
-    Raises ModelError when trimesh cannot read it.
+    Raises ModelError when trimesh cannot read it, or has no package for it (STEP).
     """
+    import importlib.util
     import logging
 
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    if file_type == "step" and importlib.util.find_spec("cascadio") is None:
+        raise ModelError(
+            f"{name}: STEP needs the optional package cascadio (pip install 'cabslice[step]'); "
+            "or save it as STL or 3MF in the CAD program.", file=name,
+        )
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=file_type, process=False)
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=file_type, process=False, **FACETS.get(file_type, {}))
         pieces = _pieces(scene)
     except (MemoryError, KeyboardInterrupt):
         raise
@@ -39,7 +48,7 @@ def read_foreign(data: bytes, name: str, file_type: str) -> tuple[Array, list[st
     notes = [f"Merged {len(pieces)} objects into one part."] if len(pieces) > 1 else []
     if (mirrored := sum(piece.mirrored for piece in pieces)) > 0:
         notes.append(f"Turned the faces of {mirrored} mirrored objects.")
-    factor = _unit_3mf(scene, name) if file_type == "3mf" else None
+    factor = _unit_3mf(scene, name) if file_type == "3mf" else METRES if file_type == "step" else None
     return np.concatenate([piece.triangles for piece in pieces]), notes, factor
 
 

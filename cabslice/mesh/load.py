@@ -14,7 +14,7 @@ from cabslice.mesh.mend import mend
 from cabslice.mesh.part import Part
 from cabslice.mesh.stl import read_stl
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf")
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 SMALL_MM, LARGE_MM = 1.0, 3000.0  # outside of this a unit is probably wrong
 
 
@@ -22,7 +22,8 @@ def load_mesh(path: str | Path, *, unit: str = "mm", scale: float = 1.0) -> Part
     """The part in a model file, mended, in mm and where the file has it (see `place`).
 
     `Part.repairs` says what was changed, `Part.warnings` what looks odd. unit is what one unit of the file means (mm,
-    cm, m, inch, ft); a 3MF file says so itself. Raises ModelError naming the file if it cannot be read or is no solid.
+    cm, m, inch, ft); a 3MF or STEP file says so itself. Raises ModelError naming the file if it cannot be read or
+    is no solid.
     """
     if unit not in UNITS:
         raise UsageError(f"unit '{unit}', expected one of {', '.join(UNITS)}.")
@@ -58,7 +59,7 @@ def _triangles(data: bytes, path: Path) -> tuple[Array, list[str], float | None]
     kind = path.suffix.lower().removeprefix(".")
     if kind == "stl":
         return *read_stl(data, path.name), None
-    return read_foreign(data, path.name, kind)
+    return read_foreign(data, path.name, "step" if kind == "stp" else kind)
 
 
 def _warnings(vertices: Array, name: str) -> tuple[str, ...]:
