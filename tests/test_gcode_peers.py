@@ -83,3 +83,40 @@ def test_beads_of_prusaslicer_are_laid_with_no_more_travel(cube):
     lengths = [np.bincount(path.role, path.lengths, len(Role)) for path in (ours, theirs)]
     np.testing.assert_allclose(lengths[0][1:], lengths[1][1:], rtol=2e-3, atol=0.1)
     assert lengths[0][Role.TRAVEL] < 1.02 * lengths[1][Role.TRAVEL]
+
+
+CUBE = Path(__file__).parents[1] / "samples" / "cube.stl"
+CURA_DEFINITIONS = [
+    Path(os.environ.get("CURA_DEFINITIONS", "")) / "fdmprinter.def.json",
+    *(Path(root) / "cura/resources/definitions/fdmprinter.def.json" for root in ("/usr/share", "/usr/local/share")),
+]
+
+
+def made_by(peer, target):
+    """The command that slices the sample cube with a program, absolute E, 1.75 mm (CuraEngine: 2.85 mm)."""
+    if peer == "CuraEngine":
+        definition = next((one for one in CURA_DEFINITIONS if one.exists()), None)
+        if definition is None:
+            missing("fdmprinter.def.json of Cura is not there (Debian: cura; or set CURA_DEFINITIONS)")
+        return ["slice", "-j", str(definition), "-s", "layer_height=0.3", "-e0", "-l", str(CUBE), "-o", str(target)]
+    sizes = ["--layer-height", "0.3", "--nozzle-diameter", "0.4", "--filament-diameter", "1.75"]
+    export = ["--export-gcode"] if peer == "prusa-slicer" else []
+    return [*export, str(CUBE), "-o", str(target), *sizes]
+
+
+@pytest.mark.parametrize("peer", ["prusa-slicer", "slic3r", "CuraEngine"])
+def test_a_file_of_any_slicer_gets_a_verdict(peer, tmp_path, capsys):
+    from cabslice.cli.main import main
+
+    target = tmp_path / "cube.gcode"
+    command = made_by(peer, target)
+    if shutil.which(peer) is None:
+        missing(f"{peer} is not installed")
+    subprocess.run([peer, *command], check=True, capture_output=True, timeout=300)
+    ask = ["check", str(target), "-p", "cabfab-optim"]
+    if peer == "CuraEngine":       # its G-code does not say that E is for 2.85 mm
+        assert main(ask) == 3
+        assert "--gcode-filament-mm" in capsys.readouterr().err
+        ask += ["--gcode-filament-mm", "2.85", "--mismatch", "convert"]
+    assert main([*ask, "-s", "nozzle.diameter_mm=0.4"]) == 0
+    assert "cabfab-optim can make cube.gcode as asked." in capsys.readouterr().out
