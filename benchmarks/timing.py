@@ -4,8 +4,8 @@ one acceleration that is safe everywhere.
     python benchmarks/timing.py [PART ...] [-p PRINTER] [--free] [-j THREADS]
 
 --free leaves out the cap on nozzle acceleration, so that only cables and motors limit it. Ours, toppra on the first
-pieces, and the baseline (trapezoids with look-ahead, corners by junction deviation, as printer firmware does) run on
-the same toolpath in one run. The baseline turns its corners by a step of velocity; the largest one is printed.
+pieces, and the baselines (trapezoids with look-ahead, corners by junction deviation, as printer firmware does:
+timing.baseline) run on the same toolpath in one run, judged by the same audit.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from cabslice import pipeline
-from cabslice.robot.model import nozzle_poses
-from cabslice.timing import proof, retime
-from cabslice.timing.rules import CompiledRules, rules_for
+from cabslice.cli import tables
+from cabslice.timing import baseline, explain, proof, retime
+from cabslice.timing.rules import rules_for
 
 MODELS = Path(__file__).parents[2] / "shared" / "models"
 SAMPLE = 40          # pieces given to stock toppra
@@ -55,7 +55,7 @@ def measure(part: Path, printer: str, sets: list[str], jobs: int) -> None:
         print(f"  {name:17} {wall:8.2f} s  {cpu / nodes * 1e6:7.2f} us/gp  RTF {printed / wall:7.0f}")
     print(f"  audit {'passed' if verdict.ok else 'FAILED'}")
     stock(*given)
-    baseline(*given, printed)
+    beside(given, printed)
     print(f"  peak memory       {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:8.0f} MiB")
 
 
@@ -78,46 +78,13 @@ def stock(toolpath, robot, printer, material, process) -> None:
           f"ours {cpu * each:.2f}; apart {apart:.1e}")
 
 
-def baseline(toolpath, robot, printer, material, process, printed: float) -> None:
-    task = retime.task_for(toolpath, robot, printer, material, process, "compiled")
-    accel = safe_everywhere(task, toolpath, robot)
-    length, speed = toolpath.lengths, np.where(toolpath.lengths > 0, task.speed, 0.0)
-    direction = task.path.direction
-    cosine = np.clip(-(direction[:-1] * direction[1:]).sum(axis=1), -1, 1)
-    half = np.sqrt((1 - cosine) / 2)                                              # sine of half the inner angle
-    square = accel * process.corner_mm * half / np.maximum(1 - half, 1e-9)
-    corner = np.minimum(np.sqrt(square), np.minimum(speed[:-1], speed[1:]))
-    corner[toolpath.starts[:-1] - 1] = 0.0
-    seconds, entry = look_ahead(length, speed, corner, accel)
-    step = np.linalg.norm(direction[1:] - direction[:-1], axis=1) * entry[1:]
-    print(f"  safe everywhere   {accel:8.0f} mm/s2, {seconds:.0f} s: {seconds / printed:.2f} x ours; "
-          f"its corners step by up to {step.max():.0f} mm/s")
-
-
-def safe_everywhere(task, toolpath, robot) -> float:
-    """The largest acceleration (per axis) that no cable limit forbids anywhere on the path, whatever the direction."""
-    rules = CompiledRules(robot, replace(task.limits, acceleration=1000.0))
-    points = nozzle_poses(robot, toolpath.xyz[:: max(1, len(toolpath.xyz) // 5000)])[:, :3]
-    share = rules.kernel.at_worst(points, 0.0, rules.columns).max()
-    return float(min(1000.0 / share, task.limits.acceleration))
-
-
-def look_ahead(length, speed, corner, accel) -> tuple[float, np.ndarray]:
-    """Trapezoids at one acceleration: total seconds of the moves, and the speed at which each move is entered."""
-    entry = np.concatenate(([0.0], corner, [0.0]))[: len(length) + 1]
-    for k in range(len(length) - 1, 0, -1):
-        entry[k] = min(entry[k], np.sqrt(entry[k + 1] ** 2 + 2 * accel * length[k]))
-    seconds = 0.0
-    for k in range(1, len(length)):
-        if length[k] == 0:
-            continue
-        leave = min(entry[k + 1], np.sqrt(entry[k] ** 2 + 2 * accel * length[k])) if k + 1 < len(entry) else 0.0
-        if k + 1 < len(entry):
-            entry[k + 1] = leave
-        top = min(speed[k], np.sqrt((2 * accel * length[k] + entry[k] ** 2 + leave**2) / 2))
-        ramps = (2 * top**2 - entry[k] ** 2 - leave**2) / (2 * accel)
-        seconds += (2 * top - entry[k] - leave) / accel + max(length[k] - ramps, 0.0) / top
-    return seconds, entry[:-1]
+def beside(given, printed: float) -> None:
+    """The baselines, audited as the plan was."""
+    for row in baseline.compared(printed, *given, jobs=2):
+        print(f"  {tables.compared_line(row)}")
+    trajectory = retime.plan(*given, jobs=2)
+    for name, share in explain.time_by_limit(trajectory, *given).items():
+        print(f"  {100 * share:5.1f} %  {name}")
 
 
 if __name__ == "__main__":

@@ -381,6 +381,20 @@ def audited(plan: Planned, progress: Progress = silent, *, jobs: int = 1) -> Ver
     return audit(plan.trajectory, *_given(plan), jobs=jobs, progress=partial(progress, "audit"))
 
 
+def active_limits(plan: Planned) -> dict[str, float]:
+    """Limit -> share of the print time in which it is the active one."""
+    from cabslice.timing.explain import time_by_limit
+
+    return time_by_limit(plan.trajectory, *_given(plan))
+
+
+def compared(plan: Planned, *, jobs: int = 1) -> list[dict[str, Any]]:
+    """What printer firmware would do with one acceleration that is safe everywhere: time, and the limits it breaks."""
+    from cabslice.timing import baseline
+
+    return baseline.compared(plan.trajectory.duration, *_given(plan), jobs=jobs)
+
+
 def _given(product: Laid | Planned) -> tuple[Toolpath, Robot, Printer, Material, Process]:
     profiles = profiles_of(product.origin)
     return product.toolpath, robot_of(product), profiles.printer, profiles.material, profiles.process

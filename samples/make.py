@@ -5,6 +5,7 @@ cylinder  25 mm across, 15 mm tall
 c-shape   ring 40 mm across with a gap, 10 mm tall: round walls, two ends
 arch      40 x 10 x 25 mm: bridges and overhangs
 tower     24 mm at the foot, 12 mm at the top, 120 mm tall
+gear      24 teeth, 100 mm across, 10 mm thick: mostly infill
 fins      1.0, 0.8, 0.5 and 0.35 mm thick on a foot: walls thinner than a pair of beads
 """
 
@@ -45,12 +46,26 @@ def frustum(radius0, radius1, height, sides):
     """A closed body between two regular polygons, standing on z = 0."""
     turn = 2 * np.pi * np.arange(sides) / sides
     circle = np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    low = np.column_stack((radius0 * circle, np.zeros(sides)))
-    high = np.column_stack((radius1 * circle, np.full(sides, height)))
+    return upright(radius0 * circle, radius1 * circle, height)
+
+
+def upright(foot, head, height):
+    """A closed body between two outlines (n, 2) seen whole from the axis, standing on z = 0."""
+    low = np.column_stack((foot, np.zeros(len(foot))))
+    high = np.column_stack((head, np.full(len(head), height)))
     low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
     foot, top = np.broadcast_to([0.0, 0.0, 0.0], low.shape), np.broadcast_to([0.0, 0.0, height], low.shape)
     faces = [(low, low_next, high_next), (low, high_next, high), (foot, low_next, low), (top, high, high_next)]
     return np.concatenate([np.stack(face, axis=1) for face in faces])
+
+
+def gear(teeth=24, root=43.0, tip=50.0, height=10.0):
+    """Straight-flanked teeth on a disc, about the axis."""
+    share = np.array([0.0, 0.15, 0.35, 0.5, 0.75])                    # of a tooth: foot, tip, tip, foot, middle of gap
+    radius = np.tile([root, tip, tip, root, root], teeth)
+    turn = 2 * np.pi * (np.repeat(np.arange(teeth), len(share)) + np.tile(share, teeth)) / teeth
+    circle = np.stack((np.cos(turn), np.sin(turn)), axis=1)
+    return upright(circle * radius[:, None], circle * radius[:, None], height)
 
 
 def arc(radius, start_deg, end_deg, steps):
@@ -82,6 +97,7 @@ SAMPLES = {
     "c-shape": lambda: ribbon(arc(14.0, 30, 330, 75), arc(20.0, 30, 330, 75), 0.0, 10.0),
     "arch": arch,
     "tower": lambda: frustum(12.0, 6.0, 120.0, 48),
+    "gear": gear,
     "fins": fins,
 }
 

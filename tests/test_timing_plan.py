@@ -64,7 +64,7 @@ def replace_in(space, **changes):
 
 
 def _solved(task, block):
-    places = planner._nodes(task, block.move, block.sigma)
+    places = planner.nodes_at(task, block.move, block.sigma)
     ones = np.ones(len(block.step))
     return task.rules.solve(places, ones, planner._tops(task, block), block.step, block.offsets)[0]
 
@@ -89,7 +89,7 @@ def test_leaving_out_what_cannot_bind_changes_nothing():
     careful = planner.task_for(toolpath, ROBOT, capped, MATERIAL, PROCESS, "compiled")
     careful.rules.quiet = lambda positions: np.zeros(len(positions), np.bool_)
     (block,) = planner.blocks_of(quick.grid)
-    assert quick.rules.quiet(planner._nodes(quick, block.move, block.sigma).poses[:, :3]).all()
+    assert quick.rules.quiet(planner.nodes_at(quick, block.move, block.sigma).poses[:, :3]).all()
     np.testing.assert_allclose(planner._plan_block(quick, block), planner._plan_block(careful, block), rtol=1e-9)
 
 

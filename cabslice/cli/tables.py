@@ -65,5 +65,30 @@ def finding_table(findings: Sequence[Any]) -> Table | str:
 
 def checked_lines(verdict: Any) -> str:
     words = dict.fromkeys(verdict.capped, "at least ")
-    margins = [f"  smallest margin {key}: {words.get(key, '')}{value:.4g}" for key, value in verdict.margins.items()]
+    shares = {key: value for key, value in verdict.margins.items() if key.endswith("_share")}
+    margins = [f"  smallest margin {key}: {words.get(key, '')}{value:.4g}" for key, value in verdict.margins.items()
+               if key not in shares]
+    margins += [f"  largest share used of {key.removesuffix('_share')}: {value:.4g}" for key, value in shares.items()]
     return "\n".join(["checked:", *(f"  {sentence}" for sentence in verdict.checked), *margins])
+
+
+def share_table(title: str, shares: Mapping[str, float]) -> Table:
+    """Names with their shares of a whole."""
+    return Table((title, ">"), [(name, f"{100 * share:.1f} %") for name, share in shares.items()])
+
+
+def feature_table(seconds: Mapping[str, float]) -> Table:
+    """Seconds of each feature, the longest first."""
+    total = sum(seconds.values()) or 1.0
+    longest = sorted((item for item in seconds.items() if item[1] > 0), key=lambda item: -item[1])
+    rows = [(name.replace("_", " "), f"{100 * spent / total:.1f} %", clock(spent)) for name, spent in longest]
+    return Table(("time by feature", ">", ">"), rows)
+
+
+def compared_line(row: Mapping[str, Any]) -> str:
+    """A baseline beside the plan."""
+    broken = ", ".join(f"{code} {share:.3g}" for code, share in row["broken"].items())
+    kept = f"breaks limits, times the limit: {broken}" if broken else "keeps every limit"
+    return (f"{row['name']} ({row['acceleration_mm_s2']:.0f} mm/s2, corners step by up to "
+            f"{row['corner_step_mm_s']:.1f} mm/s): {clock(row['duration_s'])}, {row['times_ours']:.2f} x this plan; "
+            f"{kept}")

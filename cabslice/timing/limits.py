@@ -75,9 +75,9 @@ class Nodes:
 
 def rows(robot: Robot, limits: Limits, nodes: Nodes) -> tuple[Array, Array, Array]:
     """Rows a u + b x <= 1, a and b (K, R), and the margin (K,) at rest: <= 0 where the platform cannot even rest."""
-    tension = _tension(robot, nodes)
-    margin = np.minimum(tension[3], -tension[2]).min(axis=0)
-    blocks = [tension, _winding(robot, nodes), _axes(nodes), _feeding(limits, nodes)]
+    holding = tension(robot, nodes)
+    margin = np.minimum(holding[3], -holding[2]).min(axis=0)
+    blocks = [holding, winding(robot, nodes), axes(nodes), _feeding(limits, nodes)]
     a = np.concatenate([side for block in blocks for side in _one_sided(block[0], block)])
     b = np.concatenate([side for block in blocks for side in _one_sided(block[1], block)])
     return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T), margin
@@ -89,7 +89,7 @@ def _one_sided(values: Array, block: Block) -> tuple[Array, Array]:
         return values / (high * (1 - RESERVE)), values / (low * (1 - RESERVE))
 
 
-def _tension(robot: Robot, nodes: Nodes) -> Block:
+def tension(robot: Robot, nodes: Nodes) -> Block:
     """A tension within bounds exists: exact (domain of the wrench, projected on u and x)."""
     free = robot.freedoms
     base = required_wrench(robot, nodes.poses)
@@ -122,7 +122,7 @@ def winding_caps(robot: Robot) -> tuple[Array, Array]:
     return spin * least, winders.max_speed * least * (1 - RESERVE)
 
 
-def _winding(robot: Robot, nodes: Nodes) -> Block:
+def winding(robot: Robot, nodes: Nodes) -> Block:
     """|cable acceleration| stays within what the torque kept for turning the winders gives."""
     still = np.zeros_like(nodes.d1)
     first = length_accelerations(robot, nodes.poses, still, nodes.d1).T
@@ -131,7 +131,7 @@ def _winding(robot: Robot, nodes: Nodes) -> Block:
     return first, second, -high, high
 
 
-def _axes(nodes: Nodes) -> Block:
+def axes(nodes: Nodes) -> Block:
     a, b = nodes.d1[:, :3].T, nodes.d2[:, :3].T
     high = np.broadcast_to(nodes.acceleration, a.shape)
     return a, b, -high, high

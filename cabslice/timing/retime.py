@@ -155,7 +155,7 @@ def _plan_block(task: Task, block: Block) -> Array:
 
 
 def _solved(task: Task, block: Block, tight: Array) -> Array:
-    places = _nodes(task, block.move, block.sigma)
+    places = nodes_at(task, block.move, block.sigma)
     top = widened(_tops(task, block) / tight, block.step, block.offsets, task.limits.window)
     top = np.minimum(top, task.bend / np.maximum(np.linalg.norm(places.d2, axis=1), 1e-9))
     x, margin = task.rules.solve(places, tight, top, block.step, block.offsets)
@@ -169,7 +169,8 @@ def _still_broken(grid: Grid, block: Block, at: Array, broken: Array) -> tuple[B
     return block_of(grid, block.pieces[worst]), at[np.repeat(worst, np.diff(block.offsets))]
 
 
-def _nodes(task: Task, move: Array, sigma: Array) -> Nodes:
+def nodes_at(task: Task, move: Array, sigma: Array) -> Nodes:
+    """What the limits need to know of places sigma (K,) mm into moves (K,)."""
     motion = evaluate(task.path, move, sigma)
     still = np.zeros((len(move), 3))
     away = np.minimum(sigma + task.behind[move], task.path.length[move] - sigma + task.ahead[move])
@@ -198,7 +199,7 @@ def _broken(task: Task, block: Block, x: Array) -> Array:
     if not (rate > 0).all():
         raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
     sigma = block.sigma[start] + step * (first + rate) / (2 * (first + last))
-    share = task.rules.used(_nodes(task, block.move[start], sigma), u, rate**2) / (1 + SLACK)
+    share = task.rules.used(nodes_at(task, block.move[start], sigma), u, rate**2) / (1 + SLACK)
     if not np.isfinite(share).all():
         raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
     factor, bad = np.ones(len(x)), share > 1
