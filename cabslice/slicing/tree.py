@@ -31,7 +31,7 @@ from cabslice.slicing.region import (
 from cabslice.slicing.sections import Solid
 from cabslice.slicing.support import Nearby, Standing, clearances, from_above, outlines_of, room_for
 
-SIDES = 16         # of a branch
+CHORD = 0.03       # mm: how far the sides of a branch, a polygon, are from its circle
 EDGE = 1e-3        # mm: how far outside of what it avoids a branch is put
 NEAREST = 0.7      # of the tip distance: tips are never closer
 FINER = 3          # places tried for tips in a tip distance
@@ -294,9 +294,15 @@ def _fitting(branches: Branches, outline: Region, asked: Support, bead: float) -
 
 
 def _discs(stage: _Stage) -> Region:
-    turn = 2 * np.pi * np.arange(SIDES) / SIDES
-    circle = np.column_stack((np.cos(turn), np.sin(turn)))
-    return union([Region([at + r * circle]) for at, r in zip(stage.at, stage.radius, strict=True)])
+    """Each branch as a polygon with the area of its circle."""
+    return union([Region([at + _polygon(float(radius))]) for at, radius in zip(stage.at, stage.radius, strict=True)])
+
+
+def _polygon(radius: float) -> Array:
+    sides = max(6, int(np.ceil(np.pi / np.arccos(max(1 - CHORD / radius, 0.0)))))
+    turn = 2 * np.pi * np.arange(sides) / sides
+    wide = radius * np.sqrt(turn[1] / np.sin(turn[1]))
+    return wide * np.column_stack((np.cos(turn), np.sin(turn)))
 
 
 def signed_distance(region: Region, query: Array) -> tuple[Array, Array]:
