@@ -14,6 +14,7 @@ from cabslice.errors import ImpossibleError
 from cabslice.mesh.arrange import rows
 from cabslice.slicing.layer import Role
 from cabslice.toolpath.checks import find_faults
+from cabslice.toolpath.path import EventKind
 
 CUBE = Path(__file__).parents[1] / "samples" / "cube.stl"
 QUICK = ("layer_mm=0.3", "first_layer_mm=0.3", "infill=0.05", "walls=1", "top_layers=1", "bottom_layers=1")
@@ -77,6 +78,12 @@ def test_one_after_the_other_goes_over_what_stands():
     assert used[1] == pytest.approx(3 * used[0], rel=1e-5)
     first = path.layer == path.layer[(path.object == 1) & (path.role != Role.TRAVEL)].min()
     assert path.speed[first & (path.role == Role.OUTER_WALL)].max() <= profile.process.speeds_mm_s.first_layer
+    fan = np.zeros(len(path.layer))
+    for row, kind, value in zip(path.events.index, path.events.kind, path.events.value, strict=True):
+        fan[row:] = value if kind == EventKind.FAN else fan[row:]
+    beads = path.role != Role.TRAVEL
+    assert (fan[beads & (path.xyz[:, 2] < 0.31)] == 0).all()     # the first layer of every object
+    assert (fan[beads & (path.xyz[:, 2] > 0.31)] > 0).all()
     still = laid(profiles("retraction.length_mm=0"), scale=0.2, copies=2, sequence="objects")
     assert still.xyz[:, 2].max() >= height + 2 - 1e-9            # over it also where nothing is drawn back
 

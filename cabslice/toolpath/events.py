@@ -17,13 +17,15 @@ Row = tuple[int, EventKind, float]
 OVER_AIR = (Role.BRIDGE, Role.OVERHANG_WALL)
 
 
-def events_of(layer: Array, role: Array, material: Material, process: Process, rests: dict[int, int]) -> Events:
-    """The events of a path with these columns (N,); `rests` says at which row the nozzle rests before a layer.
+def events_of(
+    layer: Array, role: Array, part: Array, material: Material, process: Process, rests: dict[int, int]
+) -> Events:
+    """The events of a path with these columns (N,), part the object; `rests`: where the nozzle rests before a layer.
 
     Raises ModelError where a pause is asked for before a layer that the path has not.
     """
     first = np.flatnonzero(layer > layer[0])[:1].tolist()
-    rows = [*_heat(first, material), *_fan(layer, role, material), *_layer_times(layer, material)]
+    rows = [*_heat(first, material), *_fan(layer, role, part, material), *_layer_times(layer, material)]
     rows += _stops(process, rests)
     rows.sort(key=lambda row: row[0])
     return Events(*np.array(rows, np.float64).T)
@@ -42,13 +44,14 @@ def _heat(second: list[int], material: Material) -> list[Row]:
     return found
 
 
-def _fan(layer: Array, role: Array, material: Material) -> list[Row]:
-    """The fan of each bead; travels keep it as it was."""
+def _fan(layer: Array, role: Array, part: Array, material: Material) -> list[Row]:
+    """The fan of each bead, layers counted in each object; travels keep it as it was."""
     rows = np.flatnonzero(role != Role.TRAVEL)
     above_air = material.fan if material.bridge_fan is None else material.bridge_fan
     wanted = np.where(np.isin(role[rows], OVER_AIR), above_air, material.fan)
     number = np.unique(layer[rows], return_inverse=True)[1]
-    wanted[number < material.fan_after_layers] = 0.0
+    _, first, own = np.unique(part[rows], return_index=True, return_inverse=True)
+    wanted[number - number[first][own] < material.fan_after_layers] = 0.0
     begin = rows.copy()
     new = np.diff(number, prepend=0) > 0
     begin[new] = np.searchsorted(layer, layer[rows[new]])     # with the layer, before the travel into it

@@ -83,7 +83,7 @@ def lay_toolpath(
             f"{source or 'the part'}: no layer holds a bead; expected a part at least one bead wide and one layer high"
         )
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in COLUMNS}
-    events = events_of(columns["layer"], columns["role"], material, process, rests)
+    events = events_of(columns["layer"], columns["role"], columns["object"], material, process, rests)
     return Toolpath(
         **columns, starts=_pieces(columns["xyz"], events), events=events,
         filament_diameter_mm=filament_diameter_mm, source=source,
