@@ -25,6 +25,7 @@ from cabslice.feasibility.obstacles import (
     printing_stages,
 )
 from cabslice.feasibility.reasons import Job
+from cabslice.feasibility.shapes import head_and_part, shapes, without_shapes
 from cabslice.feasibility.survey import WIDTHS, Cells, Survey, explore, first_cells, first_failure
 from cabslice.feasibility.sweep import FAR, Contacts, contacts
 from cabslice.feasibility.trees import Tree, tree_of_beads, tree_of_moves
@@ -64,11 +65,15 @@ def check(
     if any(finding.code == "pulley" for finding in verdict.findings):
         return verdict.joined(Verdict(("Not checked, as a cable cannot leave its pulley: tensions and distances.",)))
     grow = grown(robot)
+    if robot.bodies or robot.obstacles:
+        verdict = verdict.joined(shapes(job, first_cells(job.moves), grow))
     verdict = verdict.joined(_plate(job, moves, grow))
-    if bare:
-        return verdict
-    verdict = verdict.joined(_part(job, moves, tree_of_beads(beads_of(toolpath, stages)), grow, far, tell))
-    return verdict.joined(Verdict(("Not checked: the nozzle and the platform against the part.",)))
+    if not bare:
+        beads = tree_of_beads(beads_of(toolpath, stages))
+        verdict = verdict.joined(head_and_part(job, moves, beads))
+        verdict = verdict.joined(_part(job, moves, beads, grow, far, tell))
+    missing = without_shapes(robot)
+    return verdict.joined(Verdict(missing)) if missing else verdict
 
 
 def _places(job: Job, tell: Progress) -> Verdict:

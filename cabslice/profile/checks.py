@@ -12,6 +12,7 @@ Legend
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from cabslice.profile.cable_checks import MISSING, cable_faults
 from cabslice.profile.values import Faults, Values, cables_of, number, numbers, table
@@ -31,6 +32,7 @@ def _printer(values: Values) -> Faults:
     platform, cables = table(values, "platform"), cables_of(values)
     home = numbers(platform.get("home_mm", [0.0, 0.0, 0.0]), 3)
     yield from _inertia(platform)
+    yield from _bodies(values)
     yield from _home_over_bed(values, home)
     for index, cable in enumerate(cables):
         for place, sentence in cable_faults(cable, home):
@@ -38,6 +40,28 @@ def _printer(values: Values) -> Faults:
         if "winder" not in cable and any("winder" in other for other in cables):
             yield ("cable", index, "winder"), MISSING
     yield from _freedoms(values, cables, home)
+
+
+def _bodies(values: Values) -> Faults:
+    """Corners of a body span a volume."""
+    wrong = "expected at least four corners that are not in one plane"
+    for name in ("platform", "nozzle"):
+        corners = table(values, name).get("hull_mm")
+        if isinstance(corners, list) and corners and not _spans(corners):
+            yield (name, "hull_mm"), wrong
+    given = values.get("obstacles_mm")
+    for index, body in enumerate(given if isinstance(given, list) else []):
+        if isinstance(body, list) and not _spans(body):
+            yield ("obstacles_mm", index), wrong
+
+
+def _spans(corners: list[Any]) -> bool:
+    import numpy as np
+
+    points = np.array([numbers(corner, 3) for corner in corners])
+    if not np.isfinite(points).all():
+        return True                          # each number has its own fault
+    return len(points) > 3 and bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-6) == 3)
 
 
 def _inertia(platform: Values) -> Faults:

@@ -107,7 +107,9 @@ def _type(schema: Mapping[str, Any]) -> str:
 
 def _list_type(schema: Mapping[str, Any]) -> str:
     low, high, items = schema.get("minItems", 0), schema.get("maxItems"), schema["items"]
-    what = _type(items) if "enum" in items else _PLURALS[items["type"]]
+    nested = items["type"] == "array" if "type" in items else False
+    what = "lists of" + _list_type(items)[len("a list of"):] if nested else (
+        _type(items) if "enum" in items else _PLURALS[items["type"]])
     count = f"{low} " if low == high else f"{_LEAST[low]} or more " if low else ""
     return f"a list of {count}{what}"
 

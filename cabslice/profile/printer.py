@@ -43,11 +43,25 @@ class Platform(Table):
     )
 
 
+    hull_mm: list[Vector] = Field(
+        default=[],
+        description="corners of a convex body that holds the platform, platform frame; absent: not judged",
+    )
+    cable_free_mm: float = Field(
+        default=20.0, ge=0, le=1000,
+        description="of each cable, at the end where it is fastened to a body, not judged against that body",
+    )
+
+
 class Nozzle(Table):
     """Where the bead comes out."""
 
     diameter_mm: float = Field(gt=0.05, le=10, description="bore")
     offset_mm: Vector = Field(description="nozzle tip in the platform frame")
+    hull_mm: list[Vector] = Field(
+        default=[],
+        description="corners of a convex body that holds the print head, platform frame; absent: not judged",
+    )
 
 
 class Extruder(Table):
@@ -315,5 +329,9 @@ class Printer(Table):
     motion: Motion | None = None
     start: Start = Start()
     stream: Stream = Stream()
+    obstacles_mm: list[list[Vector]] = Field(
+        default=[],
+        description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame",
+    )
     defaults: Defaults = Defaults()
     cable: list[Cable] = Field(min_length=1, description="one [[cable]] each; keys common to all stand in [cables]")

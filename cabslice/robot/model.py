@@ -140,6 +140,9 @@ class Robot:
     bed_slope: Array = field(default_factory=lambda: np.zeros(2))   # (2,) rise of the bed per mm along x and y
     gravity: Array = field(default_factory=_earth)   # (3,) mm/s^2, machine frame
     name: str = ""
+    bodies: tuple[tuple[str, Array], ...] = ()       # convex, by name: corners (V, 3) mm, platform frame
+    obstacles: tuple[tuple[str, Array], ...] = ()    # convex, by name: corners (V, 3) mm, machine frame
+    body_free: float = 0.0           # mm of a cable at the body it is fastened to that are not judged against it
 
     def __post_init__(self) -> None:
         shape = Shapes("Robot")
@@ -195,11 +198,19 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
         bed_size=np.array(printer.bed.size_mm) if printer.bed else None,
         gravity=np.array([0.0, 0.0, -printer.gravity_mm_s2]),
         name=printer.name,
+        bodies=_hulls(printer),
+        obstacles=tuple((f"obstacle {i}", np.array(body)) for i, body in enumerate(printer.obstacles_mm, start=1)),
+        body_free=printer.platform.cable_free_mm,
     )
 
 
 def _bed_origin(bed: Any) -> Array:
     return np.array([*bed.centre_mm, bed.z_mm + bed.first_layer_offset_mm])
+
+
+def _hulls(printer: Any) -> tuple[tuple[str, Array], ...]:
+    given = (("platform", printer.platform.hull_mm), ("print head", printer.nozzle and printer.nozzle.hull_mm))
+    return tuple((name, np.array(corners)) for name, corners in given if corners)
 
 
 def _strand_stiffness(cable: Any) -> float:
