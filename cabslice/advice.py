@@ -19,6 +19,7 @@ from cabslice.errors import CabsliceError
 from cabslice.feasibility.findings import Verdict
 from cabslice.mesh.place import place
 from cabslice.optimization.field import Field, field_of
+from cabslice.optimization.maps import Volcano, largest_cube, volcano
 from cabslice.optimization.placement import Spot, Standing, measured, room, spots
 from cabslice.optimization.solid import SLABS, THINNEST, Solid, solid_of
 from cabslice.pipeline import Placed, Profiles, Progress, silent
@@ -29,6 +30,7 @@ from cabslice.store import Laid
 FAR = 25.0           # mm, up to which clearances are measured
 TRIES = 4            # spots that are sliced and checked before none is said to have been found
 LEAST = 0.05         # of the size, below which no scale is looked for
+RADII = 40           # of cylinders that are asked for
 PRINTERS = 3         # others that are named
 BARE = {"walls": 1, "top_layers": 0, "bottom_layers": 0, "infill": 0.0}
 
@@ -154,8 +156,8 @@ def _way(model: Model, what: str, words: str, found: Sequence[Spot], progress: P
     return Way(what, True, f"{words} it can be printed: {options_of(placed)}.", options_of(placed))
 
 
-def _scaled(placed: Placed, progress: Progress) -> Way:
-    """The largest scale at which the part can be printed where and as it stands, to half a per cent."""
+def _scaled(placed: Placed, progress: Progress, high: float = 1.0) -> Way:
+    """The largest scale up to `high` at which the part can be printed where and as it stands, to half a per cent."""
     x, y = (float(value) for value in placed.part.bounds[:, :2].mean(axis=0))
 
     def free(scale: float) -> bool:
@@ -163,13 +165,13 @@ def _scaled(placed: Placed, progress: Progress) -> Way:
         inside = (room(model.solid, model.field, 0.0, model.border) >= np.abs((x, y)) - 1e-9).all()
         return bool(inside) and measured(model.solid, model.field, 0.0, x, y).printable
 
-    low, high = LEAST, 1.0
+    low = LEAST * high
     if not free(low):
-        return Way("scale", False, f"no size above {100 * LEAST:g} % of it can be printed where it stands.")
-    while high - low > 0.005:
+        return Way("scale", False, f"no size above {100 * low:.3g} % of it can be printed where it stands.")
+    while high - low > 0.005 * high:
         low, high = ((low + high) / 2, high) if free((low + high) / 2) else (low, (low + high) / 2)
     for less in (0.0, 0.01, 0.03, 0.08):
-        scale = float(np.floor((low - less) * 1000) / 1000)
+        scale = float(np.floor(low * (1 - less) * 1000) / 1000)
         small = stood(placed, 0.0, x, y, scale=scale)
         if tried(bare(small), progress).ok:
             options = f"--scale {small.origin.scale:g}"
@@ -295,3 +297,34 @@ def lowest_mode(laid: Laid) -> float:
     moves = moves_of(path, printing_stages(path))
     moves = moves.take(np.flatnonzero(laying(path)[moves.move]))
     return float(np.nanmin(first_mode()(robot, nozzle_poses(robot, first_cells(moves).place))))
+
+
+# ---- how large
+
+@dataclass(frozen=True)
+class Sizes:
+    printer: str
+    nozzle_mm: float
+    bed_mm: Array                # (2,)
+    volcano: Volcano
+    cube_mm: float               # edge
+
+
+def sizes(profiles: Profiles, step: float, progress: Progress = silent) -> Sizes:
+    """Tallest cylinders by radius and the largest cube, in the middle of the bed."""
+    robot = robot_from_printer(profiles.printer)
+    assert robot.bed_size is not None
+    assert robot.nozzle is not None
+    keep = robot.cable_radii + robot.clearance + profiles.process.corner_mm
+    half = float(robot.bed_size.min() / 2)
+    radii = np.arange(max(step, half / RADII), half + 1e-9, max(step, half / RADII))
+    found = volcano(robot, keep, radii=radii, step=step, tick=lambda done, total: progress("volcano", done, total))
+    cube = largest_cube(robot, keep)
+    return Sizes(robot.name, float(-robot.nozzle[2]), robot.bed_size, found, cube)
+
+
+def largest_copy(placed: Placed, progress: Progress = silent) -> Way:
+    """The largest scale of a part, where and as it stands, that can be printed."""
+    box, half = placed.part.bounds, pipeline.robot_of(placed).bed_size
+    assert half is not None
+    return _scaled(placed, progress, high=float((half / np.maximum(np.ptp(box[:, :2], axis=0), 1e-3)).min()))

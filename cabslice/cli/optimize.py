@@ -12,6 +12,7 @@ from cabslice.cli.report import Table, Talk
 from cabslice.errors import ImpossibleError, UsageError
 
 if TYPE_CHECKING:
+    from cabslice.arrays import Array
     from cabslice.pipeline import Placed
 
 GOALS = ("clearance", "tension", "first-mode")       # of optimization.placement, which --help does not import
@@ -89,11 +90,15 @@ def _nowhere(parts: list[Placed], turns: int, step: float) -> str:
 
 
 def _write(found: Placed, output: str, overwrite: bool) -> None:
+    _stl(found.part.vertices, found.part.faces, output, overwrite)
+
+
+def _stl(vertices: Array, faces: Array, output: str, overwrite: bool) -> None:
     from cabslice.files import atomic
     from cabslice.mesh.stl import write_stl
 
     with atomic(output, overwrite) as file:
-        file.write(write_stl(found.part.vertices, found.part.faces))
+        file.write(write_stl(vertices, faces))
 
 
 def _answer(
@@ -131,3 +136,81 @@ def _said(score: float, goal: str) -> str:
     if score != score:
         return "cannot be printed"
     return f"at least {score:g}" if goal == "clearance" and score >= FAR else f"{score:.2f}"
+
+
+@optimize.command("size")
+@click.argument("file", metavar="[PART]", required=False)
+@options.machine
+@options.placing
+@click.option("--step-mm", "step", type=click.FloatRange(0.5, 100), default=5.0, show_default=True,
+              help="Heights and radii are told in steps of this.")
+@click.option("-o", "--output", "output", metavar="FILE.stl", help="Write the volcano, the printable volume.")
+@click.option("--png", metavar="FILE.png", help="Draw the printable height over the bed.")
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@options.talk
+def size(
+    file: str | None, machine: Machine, placing: Placing, step: float, output: str | None, png: str | None,
+    overwrite: bool, talk: Talk,
+) -> None:
+    """How large can it be? The tallest cylinders, the largest cube, and the largest copy of PART.
+
+    The cylinders stand in the middle of the bed; together they are the volcano: where something can be printed before
+    a cable of this platform touches it. Tension under the weight is asked for as well.
+    """
+    from cabslice import advice
+
+    for path, suffix in ((output, ".stl"), (png, ".png")):
+        if path:
+            if not path.lower().endswith(suffix):
+                raise UsageError(f"{path}: expected a name that ends in {suffix}.")
+            options.claim(path, overwrite)
+    placed = _part(file, machine, placing, talk) if file else None
+    with talk.progress() as tick:
+        found = advice.sizes(_profiles(machine, placed), step, tick)
+        copy = advice.largest_copy(placed, tick) if placed else None
+    if not (found.volcano.height > 0).any() and not placed:
+        raise ImpossibleError(f"{found.printer} cannot print anything in the middle of its bed.")
+    _draw(found, output, png, overwrite)
+    _tell_sizes(found, copy, {key: path for key, path in (("output", output), ("png", png)) if path}, talk)
+
+
+def _profiles(machine: Machine, placed: Placed | None) -> Any:
+    from cabslice import pipeline
+    from cabslice.cli.job import printer_name
+
+    if placed is not None:
+        return pipeline.profiles_of(placed.origin)
+    return pipeline.load_profiles(printer_name(machine.printer), machine.material, machine.process, machine.sets)
+
+
+def _draw(found: Any, output: str | None, png: str | None, overwrite: bool) -> None:
+    from cabslice.optimization.maps import surface
+
+    if output:
+        _stl(*surface(found.volcano), output, overwrite)
+    if png:
+        from cabslice.view.volcano import save_volcano
+
+        title = f"{found.printer}: printable with the nozzle {found.nozzle_mm:g} mm below the platform's origin"
+        save_volcano(found.volcano.radius, found.volcano.height, found.bed_mm, png, title=title, overwrite=overwrite)
+
+
+def _tell_sizes(found: Any, copy: Any, files: dict[str, str], talk: Talk) -> None:
+    best = found.volcano.largest
+    radius, height = float(found.volcano.radius[best]), float(found.volcano.height[best])
+    numbers = {
+        "cylinder_radius_mm": radius, "cylinder_height_mm": height, "cube_edge_mm": found.cube_mm,
+        "radius_mm": found.volcano.radius, "height_mm": found.volcano.height,
+    }
+    content = {"ok": True, "command": "optimize size", "printer": found.printer, "numbers": numbers, **files}
+    blocks: list[str | Table] = [
+        f"{found.printer}: centred, from the bed up, free of cables and held by them",
+        f"largest cylinder  radius {radius:g} mm, height {height:g} mm",
+        f"largest cube      edge {found.cube_mm:.1f} mm",
+    ]
+    if copy is not None:
+        content["copy"] = copy.as_dict()
+        blocks.append(f"largest copy      {copy.sentence}")
+    rows = [(f"{r:g}", f"{h:g}") for r, h in zip(found.volcano.radius, found.volcano.height, strict=True)]
+    talk.answer(content, *blocks, Table((">radius mm", ">printable height mm"), rows),
+                *(f"wrote {path}" for path in files.values()))
