@@ -105,7 +105,8 @@ class Process(Table):
     infill: float = Field(ge=0, le=1, description="share of the inside that is filled")
     pattern: Literal[
         "rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric",
-    ] = Field(description="infill pattern; rectilinear turns by 90 deg in every layer, aligned does not")
+        "lightning",
+    ] = Field(description="infill pattern; rectilinear turns in every layer, aligned does not; lightning: under tops")
     infill_every: int = Field(
         default=1, ge=1, le=100,
         description="layers whose sparse infill is laid at once, as far as the nozzle is as wide as they are high",

@@ -17,7 +17,7 @@ from cabslice.slicing.infill import Lines, fixed_lines, no_lines
 from cabslice.slicing.region import Region, offset, to_rings
 
 FAMILIES = {"grid": 2, "triangles": 3, "cubic": 3}   # lines that cross in one layer; others have one family
-UNLINKED = ("concentric",)                            # lines that are not linked along the edge
+UNLINKED = ("concentric", "lightning")                          # lines that are not linked along the edge
 LINK = 2.5            # pitches along the edge up to which neighbouring lines are linked
 
 

@@ -6,7 +6,7 @@ and sparse parts (surfaces) -> lines that fill them (fill) -> one bead each for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, groupby, islice
@@ -24,10 +24,11 @@ from cabslice.slicing.fill import Filling, fill_solid, iron, sparse_pitch, toget
 from cabslice.slicing.flow import bead_width
 from cabslice.slicing.heights import Heights, heights_of, process_at
 from cabslice.slicing.layer import Layer, Role
+from cabslice.slicing.lightning import Lines, plan_lightning
 from cabslice.slicing.parallel import in_order
 from cabslice.slicing.region import Region, from_rings, pieces, to_polygons
 from cabslice.slicing.sections import NO_MODIFIERS, Modifiers, Solid, cut
-from cabslice.slicing.sparse import SparseLayer, lay_sparse
+from cabslice.slicing.sparse import SparseLayer, lay_sparse, lay_trees
 from cabslice.slicing.spiral import floors, spiral_wall, vase
 from cabslice.slicing.stand import with_stand
 from cabslice.slicing.support import plan_support
@@ -61,6 +62,7 @@ class Cutting:
     lateral: tuple[float, float]   # what sparse_pitch wants to know of the part
     low: Array                     # (F,) mm, of each face
     high: Array
+    trees: Sequence[Lines] = ()    # of each layer, where infill is lightning
 
 
 def slice_part(
@@ -90,7 +92,8 @@ def _part_layers(
     """Layers of the part alone."""
     lateral = _lateral_share(part.vertices, part.faces)
     z = part.vertices[:, 2][part.faces]
-    cutting = Cutting(part, process, nozzle_mm, heights, lateral, z.min(1), z.max(1))
+    trees = plan_lightning(part, heights, process) if process.pattern == "lightning" and process.infill > 0 else ()
+    cutting = Cutting(part, process, nozzle_mm, heights, lateral, z.min(1), z.max(1), trees)
     made = in_order(partial(_run, cutting), _runs(heights, process), jobs)
     return _watched(chain.from_iterable(made), part.name, nozzle_mm, len(heights.top), progress)
 
@@ -219,10 +222,12 @@ def _lay_sparse(layers: list[_RawLayer], cutting: Cutting) -> None:
     """The sparse infill of some layers; of those of a range with the values of the range."""
     heights, process = cutting.heights, cutting.process
     for own, run in groupby(layers, lambda raw: process_at(process, float(heights.plane[raw.index]))):
-        lay_sparse(
-            [SparseLayer(raw.index, float(heights.top[raw.index]), raw.sparse, raw.filling, raw.beads) for raw in run],
-            own, sparse_pitch(own, *cutting.lateral),
-        )
+        some = [SparseLayer(raw.index, float(heights.top[raw.index]), raw.sparse, raw.filling, raw.beads)
+                for raw in run]
+        if own.pattern != "lightning":
+            lay_sparse(some, own, sparse_pitch(own, *cutting.lateral))
+        elif cutting.trees:
+            lay_trees(some, cutting.trees)
 
 
 def _lay_strips(layers: list[_RawLayer], nozzle: float) -> None:

@@ -11,8 +11,10 @@ import numpy as np
 from cabslice.profile.process import Process
 from cabslice.slicing.beads import BeadList
 from cabslice.slicing.fill import Filling, fill_sparse, together
+from cabslice.slicing.layer import Role
+from cabslice.slicing.lightning import Lines, clipped
 from cabslice.slicing.patterns import Sparse
-from cabslice.slicing.region import Region, difference, intersection, opening
+from cabslice.slicing.region import Region, difference, intersection, offset, opening
 
 LEAST = 4.0     # bead widths: what is narrower in all the layers is not laid at once
 
@@ -26,6 +28,14 @@ class SparseLayer:
     region: Region
     filling: Filling
     beads: BeadList
+
+
+def lay_trees(layers: Sequence[SparseLayer], trees: Sequence[Lines]) -> None:
+    """Lays planned lines (slicing.lightning), one set for each layer of the part, where the layers are sparse."""
+    for layer in layers:
+        room = offset(layer.region, layer.filling.overlap_mm - layer.filling.spacing_mm / 2)
+        points, starts = clipped(trees[layer.index], room, layer.filling.width_mm / 4)
+        layer.beads.add(points, starts, layer.filling.width_mm, Role.SPARSE_INFILL)
 
 
 def lay_sparse(layers: Sequence[SparseLayer], process: Process, pitch: float) -> None:

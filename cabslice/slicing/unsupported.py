@@ -43,7 +43,7 @@ def _cuts(points: Array, ends: Array, rings: list[tuple[Array, Array]], least: f
     tail = np.concatenate([ring for ring, _ in rings])
     head = np.concatenate([ring[following(starts)] for ring, starts in rings])
     if len(tail):
-        which, share = _meetings(points[ends - 1], points[ends], tail, head)
+        which, share = segments_meeting(tail, head, points[ends - 1], points[ends])
     else:
         which, share = np.zeros(0, np.int64), np.zeros(0)
     length = np.linalg.norm(points[ends] - points[ends - 1], axis=1)
@@ -60,12 +60,12 @@ def _cuts(points: Array, ends: Array, rings: list[tuple[Array, Array]], least: f
     return source[order], at[order]
 
 
-def _meetings(a: Array, b: Array, p: Array, q: Array) -> tuple[Array, Array]:
-    """Segments a b (S, 2) and edges p q (E, 2) that cross: which segment (C,), and where on it (C,), 0..1."""
+def segments_meeting(a: Array, b: Array, p: Array, q: Array) -> tuple[Array, Array]:
+    """Segments p q (S, 2) that cross edges a b (E, 2): which segment (C,), and where on it (C,), 0..1."""
     low, high = np.minimum(p, q), np.maximum(p, q)
     order = np.argsort(low[:, 0], kind="stable")
     low, high, p, along = low[order], high[order], p[order], (q - p)[order]
-    widest = float((high[:, 0] - low[:, 0]).max())
+    widest = float((high[:, 0] - low[:, 0]).max(initial=0.0))
     left, right = np.minimum(a, b), np.maximum(a, b)
     first = np.searchsorted(low[:, 0], left[:, 0] - widest)
     count = np.searchsorted(low[:, 0], right[:, 0], side="right") - first
@@ -76,7 +76,7 @@ def _meetings(a: Array, b: Array, p: Array, q: Array) -> tuple[Array, Array]:
     step, gap, run = (b - a)[which], p[edge] - a[which], along[edge]
     cross = step[:, 0] * run[:, 1] - step[:, 1] * run[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        on_wall = (gap[:, 0] * run[:, 1] - gap[:, 1] * run[:, 0]) / cross
-        on_edge = (gap[:, 0] * step[:, 1] - gap[:, 1] * step[:, 0]) / cross
-    meets = (on_wall >= 0) & (on_wall <= 1) & (on_edge >= 0) & (on_edge <= 1)
-    return which[meets], on_wall[meets]
+        on_edge = (gap[:, 0] * run[:, 1] - gap[:, 1] * run[:, 0]) / cross
+        on_segment = (gap[:, 0] * step[:, 1] - gap[:, 1] * step[:, 0]) / cross
+    meets = (on_edge >= 0) & (on_edge <= 1) & (on_segment >= 0) & (on_segment <= 1)
+    return order[edge[meets]], on_segment[meets]
