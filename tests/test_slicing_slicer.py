@@ -20,6 +20,7 @@ from cabslice.slicing.layer import Role
 from cabslice.slicing.slicer import RUN, slice_part
 
 MODELS = Path(__file__).parents[2] / "shared" / "models"
+PATTERNS = ("rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric", "lightning")
 SAMPLES = Path(__file__).parents[1] / "samples"
 needs_models = pytest.mark.skipif(not MODELS.exists(), reason="the shared models are not here")
 
@@ -93,7 +94,7 @@ def islands_hold_their_beads(layer):
 
 
 @settings(max_examples=40, deadline=None)
-@given(shapes(size=14), st.integers(0, 3), st.sampled_from([0.0, 0.15, 1.0]), st.sampled_from(["rectilinear", "grid"]))
+@given(shapes(size=14), st.integers(0, 3), st.sampled_from([0.0, 0.15, 1.0]), st.sampled_from(PATTERNS))
 def test_any_shape_is_filled_and_nothing_leaves_it(shape, number, infill, pattern):
     """Layer planes of the steps coincide with coplanar faces; spikes, slivers, holes, touching bits."""
     shrunk = shape.buffer(-1.5)
