@@ -13,6 +13,7 @@ nothing, and a stream is made only where the audit of the finished motion found 
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from cabslice.motors.start import Lead
     from cabslice.motors.stream import MotorStream
 
+THUMBNAIL = 160, 120                          # pixels of the picture in a motor file
 GCODE = (".gcode", ".gco", ".g")
 Progress = Callable[[str, int, int], None]   # stage, done, total
 
@@ -534,8 +536,16 @@ def stream_header(plan: Planned, verdict: Verdict, period_s: float, *, extrude: 
         "printer": json.loads(origin.printer),
         "numbers": numbers_of(plan, period_s),
         "verdict": verdict.as_dict(),
+        "thumbnail": _thumbnail(plan.toolpath),
         **_encoders(origin),
     }
+
+
+def _thumbnail(path: Toolpath) -> dict[str, Any]:
+    from cabslice.toolpath.thumbnail import thumbnail
+
+    width, height = THUMBNAIL
+    return {"width": width, "height": height, "png_base64": base64.b64encode(thumbnail(path, width, height)).decode()}
 
 
 def refuse_format(format: str, origin: Origin) -> None:

@@ -30,6 +30,7 @@ COMMANDS = {
         "start": "how to start a machine with a motor file, and where it stands when it stops",
         "inspect": "what is in a part, a product or a motor file; --png draws it",
         "view": "see it in the browser: robot, part, layers, speeds, tensions, findings",
+        "report": "a print in figures, as a page to read or to print",
         "workspace": "where can the platform be, and where can it print?",
         "stiffness": "how stiffly do the cables hold the platform?",
         "optimize": "where a part stands best on the bed, and how large it may be",
@@ -39,6 +40,8 @@ COMMANDS = {
         "profile": "printers, materials and processes: list, show, check, new, keys, use, ...",
     },
 }
+
+MODULES = {"report": "print_report"}      # cli.report is what is said and where
 
 FIRST_PAGE = f"""cabslice {__version__}: from an STL to the motor angles of a cable printer.
 
@@ -63,7 +66,7 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        return getattr(importlib.import_module(f"cabslice.cli.{cmd_name}"), cmd_name)
+        return getattr(importlib.import_module(f"cabslice.cli.{MODULES.get(cmd_name, cmd_name)}"), cmd_name)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         name = args[0]

@@ -52,13 +52,14 @@ def _opened(path: Path, machine: Machine, placing: Placing, checked: bool, tick:
         return _product(path, checked, tick)
     if checked:
         raise UsageError(f"--check is for a .path or a .plan; {path.name} is neither.")
-    if suffix in pipeline.GCODE:
+    found = format_of(path)
+    if suffix in pipeline.GCODE and found is None:
         return _gcode(path, machine)
-    if suffix == ".json" and not (found := format_of(path)):
+    if suffix == ".json" and found is None:
         return _verdict(path)
     if suffix == ".npz" or (suffix == ".csv" and _is_map(path)):
         return _workspace(path)
-    found = format_of(path) or next((row for row in FORMATS.values() if path.name.endswith(row.suffix)), None)
+    found = found or next((row for row in FORMATS.values() if path.name.endswith(row.suffix)), None)
     return _stream(path, found, tick) if found else _part(path, machine, placing)
 
 

@@ -1,8 +1,8 @@
 """What the moves of a plan or a motor file do: speed, acceleration, tensions and motor speeds, the worst of each move.
 
 Legend
-    samples  times spread evenly over the motion (every row of the motor file, where there are not too many), the ends
-             and the middle of every move among them
+    samples  times spread evenly over the motion (every row of the motor file, where there are not too many), and the
+             end of every move
     t_r      reference tension of a cable; of its tensions during a move the one farthest from it is told
     margin   how far the tensions of a sample stay inside their bounds, least over the cables, N
 """
@@ -25,7 +25,7 @@ from cabslice.timing.trajectory import Samples, Trajectory, sample
 from cabslice.toolpath.path import Toolpath
 from cabslice.view.scene import FAR, HIGH, LOW, Field, Moves, path_fields
 
-SPREAD = 150_000     # samples besides those of the moves, at most
+SPREAD = 100_000     # samples besides those of the moves, at most
 BLOCK = 1 << 16
 PLACES = 120_000     # of a motor file, at most: each needs forward kinematics
 SAME_MM = 0.02       # heights nearer than this are one layer
@@ -59,8 +59,7 @@ def move_ends(trajectory: Trajectory, count: int) -> Array:
 
 def _times(trajectory: Trajectory, end: Array, period_s: float) -> Array:
     step = max(period_s, trajectory.duration / SPREAD)
-    middle = (end[1:] + end[:-1]) / 2
-    return np.unique(np.concatenate((np.arange(0.0, trajectory.duration, step), end, middle)))
+    return np.unique(np.concatenate((np.arange(0.0, trajectory.duration, step), end)))
 
 
 def _sampled(trajectory: Trajectory, robot: Robot, times: Array) -> dict[str, Array]:

@@ -23,9 +23,12 @@ async function start() {
   $("robot").hidden = !robot;
   if (!moves && !mesh && !cells) bounds = machineBox();
   camera.reach = 1.2 * Math.max(radius(bounds), robot ? radius(machineBox()) : 0);
-  await colourBy(fields.length && !moves ? fields[0].key : FEATURE.key);
+  const wished = new URLSearchParams(location.hash.slice(1));      // page.html#colour=speed_mm_s&layer=60&whole
+  await colourBy(wished.get("colour") || (fields.length && !moves ? fields[0].key : FEATURE.key));
   marks();
   fit(false);
+  if (wished.has("whole") && robot) Object.assign(camera, around(machineBox()), { turn: -0.5, lift: 0.35 });
+  if (wished.has("layer")) setLayer(+wished.get("layer") - 1);
   Object.assign(state, { ready: true, opened: performance.now() });      // ms since the page was asked for
   $("wait").remove();
   redraw();
@@ -227,10 +230,13 @@ function nozzle() {
 function fit(animated = true) {
   const all = animated && state.whole === false && robot && (moves || mesh || cells);
   state.whole = Boolean(all);
-  const box = all ? machineBox() : bounds, to = { target: add(box[0], sub(box[1], box[0]), 0.5), distance: 1.05 * radius(box) / Math.sin(FIELD / 2) };
+  const to = around(all ? machineBox() : bounds);
   if (!animated) Object.assign(camera, to); else camera.fly(to, performance.now());
   redraw();
 }
+
+// Target and distance from which a box is seen whole.
+const around = (box) => ({ target: add(box[0], sub(box[1], box[0]), 0.5), distance: 1.05 * radius(box) / Math.sin(FIELD / 2) });
 
 function look(turn, lift) { camera.fly({ turn, lift }, performance.now()); redraw(); }
 
