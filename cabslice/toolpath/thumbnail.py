@@ -1,6 +1,13 @@
-"""A small picture of a toolpath for the head of a G-code file: PNG, seen from the front right and above.
+"""A small picture of what a toolpath lays, as PNG: for the headers of G-code and motor files.
 
-Points along the beads are painted from the back to the front; a bead is the brighter the more its side faces the light.
+    picture(path, 220, 124)     pixels
+    thumbnail(path, 220, 124)   bytes of a PNG
+    png(pixels)                 bytes of a PNG from an array of pixels
+    comment(png, 220, 124)      the same as the lines that G-code viewers and print servers look for
+
+Legend
+    view     seen from the front right, from above: right, up and near are unit vectors of the eye
+    point    places on the beads, about a pixel apart; where several fall on one pixel, the nearest to the eye is seen
 """
 
 from __future__ import annotations
@@ -16,68 +23,138 @@ from cabslice.arrays import Array
 from cabslice.slicing.layer import Role
 from cabslice.toolpath.path import Toolpath
 
-POINTS = 400_000                              # painted at most
-TURN, LIFT = np.radians(30.0), np.radians(35.0)     # of the eye: about z, and above the bed
-LIGHT = np.radians(70.0)                      # direction it comes from, about z
-COLOUR = np.array([235.0, 125.0, 40.0])
-MARGIN = 0.05                                 # of the picture, left free on each side
-SKINS = (Role.OUTER_WALL, Role.OVERHANG_WALL, Role.TOP_SKIN, Role.IRONING, Role.GAP_FILL)
+TURN, TILT = np.radians(-35.0), np.radians(28.0)     # of the eye, from the front and above the bed
+FINER = 2                                            # pixels of the raster per pixel of the picture, each way
+BORDER = 0.06                                        # of the picture, left free on each side
+POINTS = 2_000_000                                   # at most; beyond, they stand wider apart
+COLOUR = np.array([230, 120, 30])                    # of a face that looks at the light, 0..255
+HIDDEN = (Role.TRAVEL, Role.SKIRT, Role.SUPPORT, Role.SUPPORT_INTERFACE)
+INNER = (Role.INNER_WALL, Role.SPARSE_INFILL)
+UP, LIGHT = np.array([0.0, 0.0, 1.0]), np.array([-0.28, -0.50, 0.82])
+
+
+def thumbnail(path: Toolpath, width: int, height: int) -> bytes:
+    """PNG of `picture`."""
+    return png(picture(path, width, height))
 
 
 def thumbnail_lines(path: Toolpath, width: int, height: int) -> Iterator[str]:
-    """Comment lines as PrusaSlicer writes them: width x height pixels, PNG in base64."""
-    text = base64.b64encode(png(picture(path, width, height))).decode()
+    """Comment lines as PrusaSlicer writes them, with an empty one on both sides."""
     yield ";"
-    yield f"; thumbnail begin {width}x{height} {len(text)}"
-    for low in range(0, len(text), 78):
-        yield f"; {text[low:low + 78]}"
-    yield "; thumbnail end"
+    yield from comment(thumbnail(path, width, height), width, height)
     yield ";"
 
 
 def picture(path: Toolpath, width: int, height: int) -> Array:
-    """(height, width, 4) uint8, red, green, blue, opacity; what no bead covers is clear."""
-    image = np.zeros((height, width, 4), np.uint8)
-    shown = np.isin(path.role, SKINS) & (path.lengths > 0)
-    rows = np.flatnonzero(shown if shown.any() else (path.role != Role.TRAVEL) & (path.lengths > 0))
+    """(height, width, 4) uint8, red green blue and cover, of the beads without travel, skirt and support."""
+    if min(width, height) < 1:
+        raise ValueError(f"a picture of {width} x {height} pixels has none")
+    rows = _shown(path)
     if not len(rows):
-        return image
-    place, bright, depth = _seen(path, rows, max(width, height))
-    span = np.ptp(place, axis=0)
-    scale = (1 - 2 * MARGIN) * min(width / max(span[0], 1e-6), height / max(span[1], 1e-6))
-    pixel = (place - place.min(0) - span / 2) * scale + np.array([width, height]) / 2
-    column = np.clip(pixel[:, 0].astype(int), 0, width - 1)
-    line = np.clip(height - 1 - pixel[:, 1].astype(int), 0, height - 1)
-    order = np.argsort(depth, kind="stable")                   # the nearest last
-    image[line[order], column[order], :3] = (COLOUR * bright[order, None]).astype(np.uint8)
-    image[line, column, 3] = 255
-    return image
+        return np.zeros((height, width, 4), np.uint8)
+    right, up, near = _eye()
+    ends = np.stack((path.xyz[rows - 1], path.xyz[rows]))
+    flat = ends @ np.stack((right, up), axis=1)
+    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    raster = np.array([width, height]) * FINER
+    pixel = float(np.max(np.maximum(high - low, 1e-3) / (raster * (1 - 2 * BORDER))))
+    corner = (low + high) / 2 - raster * pixel / 2
+    seen = _raster(path, rows, ends, pixel, corner, raster, near)
+    return _reduced(seen)
 
 
-def _seen(path: Toolpath, rows: Array, pixels: int) -> tuple[Array, Array, Array]:
-    """Points along the beads: place (M, 2) mm in the picture, brightness (M,), nearness to the eye (M,)."""
-    length = path.lengths[rows]
-    size = float(np.ptp(path.xyz[rows], axis=0).max())
-    step = max(size / (2 * pixels), float(length.sum()) / POINTS, 1e-6)
-    count = np.maximum(np.ceil(length / step), 1).astype(int)
-    row = np.repeat(rows, count)
-    share = (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + 0.5) / np.repeat(count, count)
-    way = path.xyz[row] - path.xyz[row - 1]
-    x, y, z = (path.xyz[row - 1] + share[:, None] * way).T
-    along, across = np.cos(TURN) * x + np.sin(TURN) * y, np.cos(TURN) * y - np.sin(TURN) * x
-    place = np.column_stack((along, np.sin(LIFT) * across + np.cos(LIFT) * z))
-    side = np.abs(np.sin(np.arctan2(way[:, 1], way[:, 0]) - LIGHT))
-    flat = np.isin(path.role[row], (Role.TOP_SKIN, Role.IRONING))
-    return place, np.where(flat, 1.0, 0.45 + 0.5 * side), np.sin(LIFT) * z - np.cos(LIFT) * across
+def comment(content: bytes, width: int, height: int) -> Iterator[str]:
+    """Lines of a G-code comment that carry a PNG, in the layout that PrusaSlicer introduced."""
+    text = base64.b64encode(content).decode()
+    yield f"; thumbnail begin {width}x{height} {len(text)}"
+    yield from (f"; {text[i:i + 78]}" for i in range(0, len(text), 78))
+    yield "; thumbnail end"
 
 
-def png(image: Array) -> bytes:
-    """A picture (height, width, 4) uint8 as a PNG file (ISO/IEC 15948): one chunk, no filter."""
-    height, width = image.shape[:2]
-    lines = np.zeros((height, 1 + 4 * width), np.uint8)
-    lines[:, 1:] = image.reshape(height, -1)
-    head = struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
-    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(lines.tobytes(), 9)), (b"IEND", b""))
+def png(pixels: Array) -> bytes:
+    """A PNG of pixels (H, W, 3 or 4) uint8, red green blue and cover. Source: ISO/IEC 15948, PNG."""
+    height, width, channels = pixels.shape
+    lines = np.zeros((height, 1 + width * channels), np.uint8)          # each line begins with its filter: none
+    lines[:, 1:] = pixels.reshape(height, -1)
+    head = struct.pack(">IIBBBBB", width, height, 8, {3: 2, 4: 6}[channels], 0, 0, 0)
+    parts = (b"IHDR", head), (b"IDAT", zlib.compress(lines.tobytes(), 9)), (b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in parts)
+
+
+def _shown(path: Toolpath) -> Array:
+    """Moves that can be seen from outside: inner walls and sparse infill only where there is nothing else."""
+    laid = ~np.isin(path.role, HIDDEN) & (path.lengths > 0)
+    outside = laid & ~np.isin(path.role, INNER)
+    return np.flatnonzero(outside if outside.any() else laid)
+
+
+def _eye() -> tuple[Array, Array, Array]:
+    """Unit vectors right, up and near (towards the eye)."""
+    near = np.array([-np.sin(TURN) * np.cos(TILT), -np.cos(TURN) * np.cos(TILT), np.sin(TILT)])
+    right = np.cross([0.0, 0.0, 1.0], near) / np.cos(TILT)
+    return right, np.cross(near, right), near
+
+
+def _raster(
+    path: Toolpath, rows: Array, ends: Array, pixel: float, corner: Array, raster: Array, near: Array
+) -> Array:
+    """Pixels (H, W, 4), 0..1, of the moves `rows` from ends[0] to ends[1] (K, 3)."""
+    which, place = _points(ends, pixel)
+    order = np.argsort(place @ near + _lift(path, rows)[which], kind="stable")     # near ones last: they paint over
+    x, y = np.floor((place[order] @ np.stack(_eye()[:2], axis=1) - corner) / pixel).astype(np.int64).T
+    front = np.full(raster[0] * raster[1], -1, np.int64)
+    for dx, dy in _stamp(path, rows, pixel):
+        row, column = np.clip(raster[1] - 1 - y - dy, 0, raster[1] - 1), np.clip(x + dx, 0, raster[0] - 1)
+        np.maximum.at(front, row * raster[0] + column, np.arange(len(row)))
+    out, seen = np.zeros((len(front), 4)), front >= 0
+    out[seen, :3] = _shades(path, rows, ends, near)[which[order[front[seen]]]]
+    out[seen, 3] = 1.0
+    return out.reshape(raster[1], raster[0], 4)
+
+
+def _points(ends: Array, pixel: float) -> tuple[Array, Array]:
+    """Which move each point lies on (P,), and where (P, 3): evenly spaced, a pixel apart."""
+    length = np.linalg.norm(ends[1] - ends[0], axis=1)
+    count = np.maximum(np.ceil(length / max(pixel, length.sum() / POINTS)), 1).astype(np.int64)
+    which = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[which]
+    return which, ends[0][which] + share[:, None] * (ends[1] - ends[0])[which]
+
+
+def _lift(path: Toolpath, rows: Array) -> Array:
+    """What fills a surface lies before the wall behind it (K,) mm."""
+    return np.where(_is_wall(path, rows), 0.0, path.width[rows])
+
+
+def _stamp(path: Toolpath, rows: Array, pixel: float) -> list[tuple[int, int]]:
+    """Pixels that a point covers: about as many as a bead is wide or tall."""
+    width, tall = (float(np.median(column[rows])) for column in (path.width, path.height))
+    reach = min(4, max(1, round(max(tall * np.cos(TILT), 0.5 * width) / pixel)))
+    span = range(-(reach // 2), reach - reach // 2)
+    return [(i, j) for i in span for j in span]
+
+
+def _is_wall(path: Toolpath, rows: Array) -> Array:
+    return np.isin(path.role[rows], (Role.OUTER_WALL, Role.INNER_WALL, Role.OVERHANG_WALL, Role.CUSTOM))
+
+
+def _shades(path: Toolpath, rows: Array, ends: Array, near: Array) -> Array:
+    """Colour (K, 3), 0..1, of each move: walls face sideways, towards the eye; what fills a surface faces up."""
+    way = ends[1] - ends[0]
+    side = np.stack((way[:, 1], -way[:, 0], np.zeros(len(way))), axis=1)
+    side /= np.maximum(np.linalg.norm(side, axis=1), 1e-12)[:, None]
+    side *= np.where(side @ near < 0, -1.0, 1.0)[:, None]
+    normal = np.where(_is_wall(path, rows)[:, None], side + 0.25 * UP, UP)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    bright = 0.42 + 0.58 * np.maximum(normal @ LIGHT, 0.0)
+    return np.clip(bright[:, None] * COLOUR / 255 + 0.12 * bright[:, None] ** 6, 0, 1)
+
+
+def _reduced(seen: Array) -> Array:
+    """FINER x FINER pixels into one: colours weighed by cover."""
+    height, width = (side // FINER for side in seen.shape[:2])
+    cells = seen.reshape(height, FINER, width, FINER, 4).transpose(0, 2, 1, 3, 4).reshape(height, width, -1, 4)
+    cover = cells[..., 3].mean(axis=2)
+    colour = cells[..., :3].sum(axis=2) / np.maximum(cells[..., 3].sum(axis=2), 1)[..., None]
+    return np.rint(255 * np.concatenate((colour, cover[..., None]), axis=2)).astype(np.uint8)
