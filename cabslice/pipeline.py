@@ -358,14 +358,40 @@ def proven(
     laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
 ) -> tuple[Planned, Verdict]:
     """The motion with the audit that it passes, slowed where the audit asked for it, or fails."""
+    from cabslice.simulation.accuracy import window_s
     from cabslice.timing.proof import plan_proven
 
     laid = with_ends(laid)
-    trajectory, verdict = plan_proven(
-        *_given(laid), engine=engine, jobs=jobs,
-        planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
-    )
+    path, robot, printer, *others = _given(laid)
+    assert printer.motion is not None
+    plain = printer.motion
+
+    def make(limit: float | None) -> tuple[Any, Verdict]:
+        motion = plain if limit is None else plain.model_copy(
+            update={"max_acceleration_mm_s2": limit, "smoothing_ms": 1e3 * window_s(robot, plain.smoothing_ms / 1e3)})
+        return plan_proven(
+            path, robot, printer.model_copy(update={"motion": motion}), *others, engine=engine, jobs=jobs,
+            planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
+        )
+
+    trajectory, verdict = make(None) if plain.accuracy_um is None else _accurate(laid, make, progress)
     return Planned(laid.origin, laid.toolpath, trajectory), verdict
+
+
+def _accurate(laid: Laid, make: Callable[[float | None], Any], progress: Progress) -> tuple[Any, Verdict]:
+    """The motion that keeps motion.accuracy_um in simulation."""
+    from cabslice.simulation import accuracy
+
+    printer, robot, period = profiles_of(laid.origin).printer, robot_of(laid), period_of(laid)
+    assert printer.motion is not None
+    asked = (printer.motion.accuracy_um or 0.0) / 1e3
+
+    def judged(trajectory: Any) -> Any:
+        stream = stream_of(Planned(laid.origin, laid.toolpath, trajectory), {}, period)
+        given = accuracy.cases(stream, robot, printer, asked)
+        return accuracy.judge(stream, robot, given, laid.toolpath.layer, partial(progress, "simulate"))
+
+    return accuracy.within(make, judged, printer.motion.max_acceleration_mm_s2, laid.toolpath.layer)
 
 
 def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1) -> Planned:
@@ -430,10 +456,12 @@ def to_stream(
 
 def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float, *, extrude: bool = True) -> MotorStream:
     from cabslice.motors.stream import make_stream
+    from cabslice.simulation.damping import relaxation
 
     return make_stream(
         plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header,
         lead=_lead(plan.origin), extrude=extrude,
+        relaxation=relaxation(profiles_of(plan.origin).printer, robot_of(plan)),
     )
 
 

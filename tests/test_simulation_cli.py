@@ -67,7 +67,7 @@ def test_a_motor_file_follows_its_path_on_the_robot_it_is_made_for(capsys, made)
     code, told = answered(capsys, "simulate", made / "box.stream", "--path", made / "box.plan", "--reference")
     numbers = told["numbers"]
     assert code == 0
-    # elastic inverse dynamics: nothing is left but what rows 2 ms apart cannot say
+    # lengths from the dynamic tensions and the damping: what is left is what rows 2 ms apart cannot say
     assert 0 < numbers["nozzle_error"]["max_mm"] < 3e-3
     assert numbers["corner_rounding"]["max_mm"] <= 0.05
     assert {"outer_wall", "sparse_infill"} <= set(numbers["features"])
@@ -77,6 +77,13 @@ def test_a_motor_file_follows_its_path_on_the_robot_it_is_made_for(capsys, made)
     of_plan = answered(capsys, "simulate", made / "box.plan", "--reference")[1]["numbers"]
     # the file is rounded to quanta of 2e-6 mm of cable, and nothing damps what they excite
     assert of_plan["nozzle_error"] == pytest.approx(numbers["nozzle_error"], abs=2e-4)
+
+
+def test_damping_that_is_not_there_is_missed(capsys, made):
+    """The file is made for cables that damp as the profile says; those that do not ring as much as without it."""
+    exact, less, none = (answered(capsys, "simulate", made / "box.stream", "--damping", much)[1]["numbers"][
+        "nozzle_error"]["max_mm"] for much in ("profile", 0.01, "none"))
+    assert exact < less < none
 
 
 def test_fast_and_reference_agree(capsys, made):
@@ -96,6 +103,18 @@ def test_a_heavier_platform_hangs_lower(capsys, made):
     assert numbers["nozzle_error_beyond_offset"]["max_mm"] < numbers["nozzle_error"]["max_mm"]
 
 
+def test_drives_lag_without_velocity_feed_forward(capsys, made):
+    box = made / "box.stream"
+    ideal, told, blind, coarse = (answered(capsys, "simulate", box, "--damping", "profile", *more)[1]["numbers"][
+        "nozzle_error"]["max_mm"] for more in (
+            (), ("--drives", "cascade"), ("--drives", "cascade", "--no-velocity-feed-forward"),
+            ("--drives", "cascade", "--encoder-bits", 16)))
+    assert abs(told - ideal) < 5e-3
+    assert blind > 1.0        # up to 3 mm of cable at 100 mm/s
+    assert told < coarse < 0.5
+    assert run("simulate", box, "--encoder-bits", 16) == 2
+
+
 def test_beads_are_saved(capsys, made):
     code, told = answered(capsys, "simulate", made / "box.stream", "--path", made / "box.plan", "--damping", "profile",
                           "-o", made / "beads.csv")
@@ -111,3 +130,14 @@ def test_what_cannot_be_played_is_refused(capsys, made):
     assert run("simulate", made / "box.stl") == 3
     assert run("simulate", made / "none.stream") == 3
     assert run("simulate", made / "box.stream", "-p", "hangprinter-v4") == 2
+
+
+def test_what_must_be_known_how_well(capsys):
+    command = ("simulate", "--sensitivity", "-p", "cabfab-optim", "--for-um", 50, "--draws", 10)
+    code, told = answered(capsys, *command)
+    groups, random = told["numbers"]["groups"], told["numbers"]["monte_carlo"]
+    assert code == 0
+    assert groups["radius"]["one_alone"] < groups["anchor"]["one_alone"] < 1
+    # each group has its share of the bound: together they are about at it
+    assert 0.015 < random["rms_mm"] < 0.1
+    assert answered(capsys, *command)[1]["numbers"] == told["numbers"]

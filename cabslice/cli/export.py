@@ -18,14 +18,15 @@ FORMATS = "\n\n".join(["Formats:", *(f"{row.name} ({row.suffix}): {row.about}" f
 @options.machine
 @options.plate
 @options.engine
+@options.accurate
 @options.jobs
 @click.option("--period-ms", type=click.FloatRange(0.25, 50), help="Sample time of the drives; default: the printer's.")
 @options.playing
 @options.output
 @options.talk
 def export(
-    file: str, machine: Machine, placing: Placing, engine: str, jobs: int, period_ms: float | None, playing: Playing,
-    output: Output, talk: Talk,
+    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, jobs: int,
+    period_ms: float | None, playing: Playing, output: Output, talk: Talk,
 ) -> None:
     """Write the motor file. From a part this does everything: slice, check, plan, audit.
 
@@ -38,7 +39,7 @@ def export(
     from cabslice.cli import tables
     from cabslice.cli.job import begin, summary
 
-    product = begin(file, machine, placing, talk, planning=True)
+    product = begin(file, options.with_accuracy(machine, accuracy_um), placing, talk, planning=True)
     pipeline.refuse_format(target.format, product.origin)
     with talk.progress() as tick:
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs, from_layer=playing.from_layer)

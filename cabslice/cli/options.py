@@ -120,6 +120,16 @@ class Foreign:
     def given(self) -> bool:
         return self != Foreign()
 
+accurate = click.option(
+    "--accuracy-um", type=click.FloatRange(0, 10000, min_open=True), metavar="UM",
+    help="Simulate the elastic robot, and plan so slowly that its nozzle stays so near: -s motion.accuracy_um=UM.")
+
+
+def with_accuracy(machine: Machine, accuracy_um: float | None) -> Machine:
+    """The same with --accuracy-um as the key of the printer it stands for."""
+    more = () if accuracy_um is None else (f"motion.accuracy_um={accuracy_um!r}",)
+    return replace(machine, sets=(*machine.sets, *more))
+
 
 @dataclass(frozen=True)
 class Placing:

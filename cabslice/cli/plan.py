@@ -14,12 +14,14 @@ from cabslice.cli.report import Talk
 @options.machine
 @options.plate
 @options.engine
+@options.accurate
 @options.jobs
 @options.output
 @click.option("--compare", is_flag=True, help="Beside it the time at one acceleration that is safe everywhere.")
 @options.talk
 def plan(
-    file: str, machine: Machine, placing: Placing, engine: str, jobs: int, output: Output, compare: bool, talk: Talk
+    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, jobs: int, output: Output,
+    compare: bool, talk: Talk,
 ) -> None:
     """Find how fast the robot may follow the path, and audit the finished motion.
 
@@ -31,7 +33,7 @@ def plan(
     from cabslice.cli import tables
     from cabslice.cli.job import begin, summary
 
-    product = begin(file, machine, placing, talk, planning=True)
+    product = begin(file, options.with_accuracy(machine, accuracy_um), placing, talk, planning=True)
     with talk.progress() as tick:
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
     found = pipeline.numbers_of(planned)

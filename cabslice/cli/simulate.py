@@ -96,27 +96,50 @@ circling = options._gather("built_in", Circle, {
 @click.option("--mass-factor", type=click.FloatRange(0.1, 10), default=1.0, show_default=True,
               help="The platform of the simulated robot is so much heavier.")
 @click.option("--no-pulleys", is_flag=True, help="Of --circle: cables end at their anchor points.")
-@click.option("--damping", type=DampingChoice(), default="none", show_default=True,
-              help="Of the cables: none, as the profile says, or so that the first mode has this damping ratio.")
+@click.option("--damping", type=DampingChoice(),
+              help="Of the cables: none (default of --circle), profile: as it says (default of FILE), or the damping "
+                   "ratio of the first mode.")
+@click.option("--drives", type=click.Choice(["ideal", "cascade"]), default="ideal", show_default=True,
+              help="Of FILE: motors turn as told, or as the cascade of servo drives with the published gains does.")
+@click.option("--no-velocity-feed-forward", is_flag=True, help="The cascade is told angles only.")
+@click.option("--encoder-bits", type=click.IntRange(8, 32), help="The cascade sees a turn in 2^BITS steps.")
+@click.option("--sensitivity", is_flag=True,
+              help="Instead of FILE: what errors of anchors, lengths, radii, modulus and mass do to the nozzle.")
+@click.option("--for-um", type=click.FloatRange(0, 1e5, min_open=True), default=50.0, show_default=True,
+              help="Of --sensitivity: how well must each be known for so much?")
+@click.option("--draws", type=click.IntRange(0, 10000), default=50, show_default=True,
+              help="Of --sensitivity: random robots, as wrong as --for-um allows each group, together.")
+@click.option("--seed", type=click.IntRange(0, 2**32), default=0, show_default=True, help="Of the random robots.")
 @click.option("--reference", is_flag=True, help="Integrate FILE to 1e-10 mm a step instead of 1e-6 mm.")
 @door.output
 @options.talk
 def simulate(
     file: str | None, built_in: Circle, path: str | None, printer: str | None, sets: tuple[str, ...],
-    modulus_factor: float, mass_factor: float, no_pulleys: bool, damping: str | float, reference: bool,
-    output: Output, talk: Talk,
+    modulus_factor: float, mass_factor: float, no_pulleys: bool, damping: str | float | None, drives: str,
+    no_velocity_feed_forward: bool, encoder_bits: int | None, sensitivity: bool, for_um: float, draws: int, seed: int,
+    reference: bool, output: Output, talk: Talk,
 ) -> None:
     """What does the elastic robot really do? Plays FILE (a motor file or a .plan) or a circle on it.
 
     Tells how far the nozzle is from where it is meant to be. Cables stretch, damp, and only pull; the platform is a
-    rigid body that turns as it is pulled; the drives are ideal. A circle begins at rest on its first pose; a file
+    rigid body that turns as it is pulled. A circle begins at rest on its first pose; a file
     where its first row holds the platform. -o saves a row for every bead.
     """
-    if (file is None) == (built_in.circle is None):
-        raise UsageError("What is to be played? Give FILE or --circle RADIUS_MM.")
-    if file is not None:
-        _file(file, path, Wrong(printer, sets, modulus_factor, mass_factor), damping, reference, output, talk)
+    if (file is not None) + (built_in.circle is not None) + sensitivity != 1:
+        raise UsageError("What is to be played? Give FILE, --circle RADIUS_MM or --sensitivity.")
+    if sensitivity:
+        from cabslice.cli import sensitive
+
+        sensitive.answer(Asked(printer, sets, no_pulleys, None, None, None, "nearest", None, None, None), for_um, draws,
+                         seed, talk)
         return
+    damping = damping if damping is not None else "none" if file is None else "profile"
+    if file is not None:
+        wrong = Wrong(printer, sets, modulus_factor, mass_factor, drives, no_velocity_feed_forward, encoder_bits)
+        _file(file, path, wrong, damping, reference, output, talk)
+        return
+    if drives != "ideal":
+        raise UsageError("--drives is for motor files.")
     asked = Asked(printer, sets, no_pulleys, None, None, None, built_in.distribution, None, None, None)
     numbers = _played(asked, built_in, damping, talk)
     robot = asked.robot()
@@ -134,10 +157,11 @@ def _file(
     target, talk = door.targets(output, None, f"{Path(file).stem}-errors", talk)
     film = simulated.opened(file, path)
     meant, real, profile = simulated.robots(film, wrong)
-    run = simulated.played(film, meant, simulated.plant_of(film, meant, real, profile, damping), reference, talk)
+    run = simulated.played(film, meant, simulated.plant_of(film, meant, real, profile, damping),
+                           wrong.drive(), reference, talk)
     numbers = report.numbers(run, film.stream.header, film.path)
     settings = {"file": Path(file).name, "robot": real.name, "modulus_factor": wrong.modulus, "mass_factor": wrong.mass,
-                "damping": damping, "integrator": "reference" if reference else "fast"}
+                "damping": damping, "drives": wrong.drives, "integrator": "reference" if reference else "fast"}
     if target:
         save(target, settings, report.beads(run, film.stream.header, film.path))
     words = f"{film.title} on {real.name}, {numbers['duration_s']:.1f} s; {_differs(wrong, damping)}"
@@ -150,7 +174,7 @@ def _differs(wrong: Wrong, damping: str | float) -> str:
     words = [f"{what} {100 * (factor - 1):+.3g} %" for what, factor in (
         ("modulus", wrong.modulus), ("mass", wrong.mass)) if factor != 1]
     how = {"none": "no damping", "profile": "damping of the profile"}.get(str(damping), f"damping ratio {damping}")
-    return ", ".join([*words, *wrong.sets, "ideal drives", how])
+    return ", ".join([*words, *wrong.sets, f"{wrong.drives} drives", how])
 
 
 def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) -> dict[str, Any]:

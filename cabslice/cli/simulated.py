@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,20 @@ class Wrong:
     sets: tuple[str, ...]
     modulus: float
     mass: float
+    drives: str = "ideal"
+    angles_only: bool = False
+    encoder_bits: int | None = None
+
+    def drive(self) -> Any:
+        """simulation.drives.Drive, or None: ideal. Raises UsageError where options need the cascade."""
+        from cabslice.simulation.drives import Drive
+
+        if self.drives == "ideal":
+            if self.angles_only or self.encoder_bits:
+                raise UsageError("--no-velocity-feed-forward and --encoder-bits go with --drives cascade.")
+            return None
+        step = 2 * math.pi / 2**self.encoder_bits if self.encoder_bits else 0.0
+        return Drive(velocity_feed_forward=float(not self.angles_only), encoder_step_rad=step)
 
 
 def opened(file: str, path: str | None) -> Film:
@@ -128,11 +143,11 @@ def _spread(row: dict[str, Any]) -> tuple[str, str, str]:
     return rms, most, largest
 
 
-def played(film: Film, meant: Robot, plant: Plant, exact: bool, talk: Talk) -> Any:
+def played(film: Film, meant: Robot, plant: Plant, drive: Any, exact: bool, talk: Talk) -> Any:
     """The run (simulation.prints.Run)."""
     from cabslice.simulation.plant import TOLERANCE
     from cabslice.simulation.prints import FAST, play_stream
 
     with talk.progress() as tick:
-        return play_stream(film.stream, meant, plant, tolerance=TOLERANCE if exact else FAST,
+        return play_stream(film.stream, meant, plant, tolerance=TOLERANCE if exact else FAST, drive=drive,
                            tick=lambda row: tick("play", row, film.stream.rows))

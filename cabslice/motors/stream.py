@@ -7,6 +7,8 @@ Legend
     a        acceleration of the platform the tension is planned for: (-p[i-2] + 16 p[i-1] - 30 p[i] + 16 p[i+1]
              - p[i+2]) / 12 T^2 of the poses in the rows, since corners shorter than a row accelerate in peaks that rows
              cannot carry: taken as they are, they make the platform ring (0.1 mm on a robot whose first mode is 20 Hz)
+    b        relaxation time of a damping cable, viscosity over modulus (s): a cable that is to pull t(t) while it damps
+             is stretched by t - b dt/dt; that is the tension in the rows, dt/dt by central differences
     r        cable wound per motor angle (mm/rad; the radius of a plain winder)
     I, c     inertia (kg mm^2) and Coulomb friction (N mm) of motor and winder
     tau      feed-forward torque r t + I qdd + c clip(qd / CREEP, -1, 1)   (N mm): friction without a step through rest
@@ -104,11 +106,12 @@ def make_stream(
     jobs: int = 1,
     lead: Lead | None = None,
     extrude: bool = True,
+    relaxation: Array | float = 0.0,
 ) -> MotorStream:
     """The motor commands of a trajectory, computed block by block each time the stream is gone through.
 
     `jobs` threads compute blocks ahead; the rows do not depend on it. The rows of `lead` come before the motion;
-    without `extrude` no filament is fed.
+    without `extrude` no filament is fed. relaxation (m,) s is b of the cables.
 
     `header` holds what only the caller knows (hashes of part and profiles). `layers` (N,) is the layer of each move,
     to name it in findings. `sample(trajectory, t (K,))` gives poses, rates, accels (K, 6), filament and move (K,);
@@ -122,7 +125,8 @@ def make_stream(
         raise UsageError(f"The period of the stream is {period_s} s; it must be above 0.")
     lead = lead or Lead()
     rows = row_count(trajectory.duration, period_s) + lead.rows(period_s)
-    source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers, lead, extrude)
+    source = _Source(trajectory, robot, period_s, rows, sample or timing_sample(), layers, lead, extrude,
+                     np.broadcast_to(np.asarray(relaxation, float), robot.cables))
 
     def blocks(row: int = 0, squares: Array | None = None) -> Iterator[Block]:
         limits = Limits(robot, period_s, source.place, row, squares)
@@ -175,6 +179,9 @@ class _Rows:
     filament: Array
     move: Array
 
+    def taken(self, rows: Array) -> _Rows:
+        return _Rows(self.poses[rows], self.rates[rows], self.accels[rows], self.filament[rows], self.move[rows])
+
 
 @dataclass(frozen=True)
 class _Source:
@@ -186,6 +193,7 @@ class _Source:
     layers: Array | None
     lead: Lead
     extrude: bool
+    relaxation: Array      # (m,) s
 
     def block(self, start: int, stop: int) -> Block:
         """Rows start:stop; one row more on either side is computed so that the differences see no border."""
@@ -199,8 +207,20 @@ class _Source:
         feed = (filament[2:] - filament[:-2]) / (2 * self.period_s)
         return Block(start, angle[inner], velocity, torque, planned[inner], filament[inner], move, feed)
 
-    def commanded(self, rows: Array) -> tuple[Any, Array, Array]:
+    def commanded(self, rows: Array) -> tuple[_Rows, Array, Array]:
         """Samples, tensions (K, m) and motor angles (K, m) of rows (K,); ImpossibleError where there are none."""
+        low, high = int(rows.min()), int(rows.max())
+        wide = np.arange(low - 1, high + 2)
+        samples, planned, length = self.planned(wide)
+        pull = planned[1:-1] - self.relaxation * (planned[2:] - planned[:-2]) / (2 * self.period_s)
+        try:
+            angle = winder.motor_angles(self.robot, length[1:-1], pull)
+        except PoseError as error:
+            self._refuse_pose(wide[1:-1], error)
+        return samples.taken(rows - low + 1), pull[rows - low], angle[rows - low]
+
+    def planned(self, rows: Array) -> tuple[_Rows, Array, Array]:
+        """Samples, tensions (K, m) and cable lengths (K, m) of rows (K,); ImpossibleError where there are none."""
         robot, samples = self.robot, self.moving(rows)
         try:
             lines = kinematics.cables(robot, samples.poses)
@@ -211,12 +231,11 @@ class _Source:
             found = find(matrix, required, *bounds)
             if not found.feasible.all():
                 self._refuse_tension(rows, tension.nearest(matrix, required, *bounds))
-            angle = winder.motor_angles(robot, lines.length, found.tension)
         except PoseError as error:
             self._refuse_pose(rows, error)
-        return samples, found.tension, angle
+        return samples, found.tension, lines.length
 
-    def moving(self, rows: Array) -> Any:
+    def moving(self, rows: Array) -> _Rows:
         """The motion at rows (K,) near each other, the accelerations as the rows can carry them (see the legend)."""
         low, high = int(rows.min()), int(rows.max())
         wide = self.at(np.arange(low - REACH, high + REACH + 1))
@@ -224,8 +243,8 @@ class _Source:
         accels = wide.accels[inner].copy()
         accels[:, :3] = (16 * (p[3:-1] + p[1:-3]) - (p[4:] + p[:-4]) - 30 * p[inner]) / (12 * self.period_s**2)
         accels[self._rests(np.arange(low, high + 1))] = 0.0
-        taken = (wide.poses[inner], wide.rates[inner], accels, wide.filament[inner], wide.move[inner])
-        return _Rows(*(column[rows - low] for column in taken))
+        whole = _Rows(wide.poses[inner], wide.rates[inner], accels, wide.filament[inner], wide.move[inner])
+        return whole.taken(rows - low)
 
     def _rests(self, rows: Array) -> Array:
         """(K,) bool: before the motion begins and once it has ended; the file ends as it began, tension for tension."""

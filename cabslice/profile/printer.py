@@ -16,6 +16,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(
     min_length=1, json_schema_extra={"default": None}, description="absent: the name of the file; never inherited",
 )]
+SELDOM: Any = {"seldom": True}            # a table or key that starter files keep as a comment
 BY_DEFAULT: Any = {"needed": True}        # may be absent, but not where the kind of its table is the default one
 Freedom = Literal["x", "y", "z", "rx", "ry", "rz"]
 
@@ -110,6 +111,11 @@ class Motion(Table):
     smoothing_ms: float = Field(
         default=5.0, ge=0, le=1000,
         description="window over which the nozzle's motion is averaged, so that acceleration ramps; 0: it may step",
+    )
+    accuracy_um: float | None = Field(
+        default=None, gt=0, le=10000, json_schema_extra=SELDOM,
+        description="the simulated nozzle stays so near to the planned motion while it lays filament: acceleration is "
+                    "lowered until it does; absent: not simulated",
     )
 
 
@@ -266,9 +272,6 @@ class Creep(Table):
     loss: float = Field(ge=0, lt=1, description="share of the tension lost after after_s")
     after_s: float = Field(gt=0, le=1e9, description="time since tensioning that loss was measured at")
     onset_s: float = Field(gt=0, le=1e9, description="time up to which the loss grows in proportion to time")
-
-
-SELDOM: Any = {"seldom": True}            # a table that starter files keep as a comment
 
 
 class Cable(Table):

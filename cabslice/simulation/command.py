@@ -6,14 +6,12 @@ Legend as in plant.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
-from cabslice.motors.block import Block, cut, joined
-from cabslice.motors.stream import MotorStream
+from cabslice.motors.block import Block
 from cabslice.robot.model import Robot
 from cabslice.robot.winder import free_cable
 
@@ -55,11 +53,3 @@ def of_block(robot: Robot, block: Block, period_s: float) -> Command:
     cable = free_cable(robot, block.angle, block.velocity)
     return Command(period_s, np.stack((cable.rest, cable.line, cable.rest_rate, cable.line_rate), axis=1))
 
-
-def of_stream(robot: Robot, stream: MotorStream) -> Iterator[tuple[Block, Command]]:
-    """Blocks of a motor file with their commands; every block after the first begins with the last row before it."""
-    last: Block | None = None
-    for block in stream:
-        whole = block if last is None else joined([last, block])
-        yield whole, of_block(robot, whole, stream.period_s)
-        last = cut(block, len(block) - 1, len(block))

@@ -15,8 +15,10 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError
+from cabslice.robot.kinematics import lengths
 from cabslice.robot.model import NEWTON, Robot
 from cabslice.robot.stiffness import gravity_stiffness, modes, stiffness
+from cabslice.robot.winder import loaded_length
 
 Modes = tuple[float, Array, Array]
 
@@ -42,3 +44,19 @@ def of_profile(printer: Any, robot: Robot, mode: Modes) -> Array:
     from cabslice.robot.cable import damping, laws_from_printer
 
     return damping(laws_from_printer(printer, robot.axial_stiffness), np.ones((1, robot.cables)), mode[0])[0]
+
+
+def relaxation(printer: Any, robot: Robot) -> Array:
+    """(m,) s, eta S/ES of the cables that a motor file is made for: what the profile says at the first mode at home.
+
+    0 where it says nothing, or where the platform cannot be held at home with the reference tension.
+    """
+    if not any(cable.damping for cable in printer.cable) or robot.winders is None:
+        return np.zeros(robot.cables)
+    tension, length = robot.tension_reference, lengths(robot, robot.home[None])
+    line = loaded_length(robot, length, robot.winders.home_angle[None]) - length
+    try:
+        mode = first_mode(robot, robot.home, tension, line)
+    except ImpossibleError:
+        return np.zeros(robot.cables)
+    return of_profile(printer, robot, mode) / robot.axial_stiffness

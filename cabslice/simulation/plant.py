@@ -106,16 +106,27 @@ def play_blocks(
     plant: Plant, commands: Iterable[Command], start: Array, *, tolerance: float = TOLERANCE
 ) -> Iterator[Played]:
     """Play consecutive commands, each beginning with the row the one before ended with; as `play`."""
-    bot, state = columns_of(plant), np.array(start, dtype=float)
-    work, begun = scratch(plant.robot.cables), 0
+    player = Player(plant, start, tolerance)
     for command in commands:
-        states, tension = np.empty((len(command), STATE)), np.empty((len(command), plant.robot.cables))
-        steps = play_rows(bot, state, command.rows, command.period_s, tolerance, states, tension, work)
+        yield player.play(command)
+
+
+class Player:
+    """A plant in motion: plays one command after the other, each from where the one before ended."""
+
+    def __init__(self, plant: Plant, start: Array, tolerance: float = TOLERANCE) -> None:
+        self.plant, self.tolerance, self.begun = plant, tolerance, 0
+        self._bot, self._state = columns_of(plant), np.array(start, dtype=float)
+        self._work = scratch(plant.robot.cables)
+
+    def play(self, command: Command) -> Played:
+        states, tension = np.empty((len(command), STATE)), np.empty((len(command), self.plant.robot.cables))
+        steps = play_rows(
+            self._bot, self._state, command.rows, command.period_s, self.tolerance, states, tension, self._work)
         if steps < 0:
-            raise _lost(begun - steps - 1, command.period_s)
-        poses, rates = _seen(plant.robot, states)
-        begun += len(command) - 1
-        yield Played(poses, rates, tension, steps)
+            raise _lost(self.begun - steps - 1, command.period_s)
+        self.begun += len(command) - 1
+        return Played(*_seen(self.plant.robot, states), tension, steps)
 
 
 def _lost(row: int, period_s: float) -> PoseError:
