@@ -151,9 +151,17 @@ def _way(model: Model, what: str, words: str, found: Sequence[Spot], progress: P
     likely = [spot for spot in found if spot.gap_mm > -1.0]
     placed = proven(model, likely, progress, whole=False)
     if placed is None:
-        near = f", the nearest by {-found[0].score('clearance'):.3g}" if found and not found[0].printable else ""
-        return Way(what, False, f"{words}: nothing printable was found{near}.")
+        return Way(what, False, f"{words}: nothing printable was found{_lacking(found)}.")
     return Way(what, True, f"{words} it can be printed: {options_of(placed)}.", options_of(placed))
+
+
+def _lacking(found: Sequence[Spot]) -> str:
+    if not found or found[0].printable:
+        return ""
+    spot = found[0]
+    least = min((spot.gap_mm, "mm between cables and part"), (spot.tension_n, "N of tension"),
+                (spot.air_mm, "mm beside other cables and the bed"))
+    return f"; the nearest lacks {-least[0]:.3g} {least[1]}"
 
 
 def _scaled(placed: Placed, progress: Progress, high: float = 1.0) -> Way:
@@ -196,7 +204,7 @@ def _elsewhere(placed: Placed, progress: Progress) -> Way:
             names.append(name)
     if not names:
         return Way("printer", False, "no other printer profile, with its own material and process, can print it.")
-    words = f"other printers that can print it as it is turned: {', '.join(names)}."
+    words = f"other printer profiles, as they are on the shelf, that can print it: {', '.join(names)}."
     return Way("printer", True, words, f"-p {names[0]}")
 
 

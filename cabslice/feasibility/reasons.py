@@ -170,6 +170,7 @@ def tension_finding(job: Job, survey: Survey, first: int) -> Finding:
     ).tension[0]
     begin = job.layer(first)
     where, since = f"{place_of(layer, xyz)}: ", "" if begin == layer else f"; the first layer without is {begin}"
+    since = since if begin >= 0 else "; nor on the way from home to the part"
     advice = _held_where(job, xyz)
     if not np.isfinite(tension).all():
         sentence = f"{where}the cables do not hold the platform at all (singular pose) {_at(xyz)}{since}."
