@@ -24,7 +24,7 @@ async function start() {
   if (!moves && !mesh && !cells) bounds = machineBox();
   camera.reach = 1.2 * Math.max(radius(bounds), robot ? radius(machineBox()) : 0);
   const wished = new URLSearchParams(location.hash.slice(1));      // page.html#colour=speed_mm_s&layer=60&whole
-  await colourBy(wished.get("colour") || (fields.length && !moves ? fields[0].key : FEATURE.key));
+  await colourBy(wished.get("colour") || (cells ? fields[0].key : FEATURE.key));
   marks();
   fit(false);
   if (wished.has("whole") && robot) Object.assign(camera, around(machineBox()), { turn: -0.5, lift: 0.35 });
