@@ -1,7 +1,8 @@
 """The rows of timing.limits for a level platform with two cables more than freedoms, compiled.
 
 Same rows as the numpy path in timing.limits (which serves every other robot and is its test), about ten times faster:
-benchmarks/timing.py. The maths is that of robot.pulley and robot.reach.
+benchmarks/timing.py. The maths is that of robot.pulley and robot.reach. What numba compiled of this file it keeps until
+this file changes: after a change in timing.recursion, touch it.
 
 Legend
     u_i, L', L''   direction of cable i, and derivatives of its length along the path (robot.pulley)

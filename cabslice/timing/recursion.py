@@ -95,7 +95,7 @@ def _largest_y(p, q, x, y_top):
     y = y_top
     for k in range(len(p)):
         if q[k] > 0.0:
-            y = min(y, (1.0 - p[k] * x) / q[k])
+            y = min(y, (1.0 + TOLERANCE - p[k] * x) / q[k])     # a row that is tight in x alone has q = rounding
     return max(y, 0.0)
 
 
