@@ -7,7 +7,7 @@ PrusaSlicer, in turns in one run.
 adds the bunny with a million triangles, the bunny 2.4 m tall (1.2 mm nozzle, 0.6 mm layers), and benchy at three layer
 heights and with 4 and 16 times the triangles, to show how the work grows. A row says how ours stands to CuraEngine or
 to a limit; the exit code is 1 where it loses. CuraEngine needs its definitions (Debian packages cura-engine and cura):
-CABSLICE_CURA_DEFINITIONS or /usr/share/cura/resources/definitions. With CABSLICE_PEERS=1 a missing peer is a failure.
+CURA_DEFINITIONS or /usr/share/cura/resources/definitions. With CABSLICE_PEERS=1 a missing peer is a failure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from chain import MODELS, PRUSA, SETTINGS, Cost, cost
 
 PARTS = ("benchy.stl", "counter.stl", "bunny_flat.stl")
-DEFINITIONS = Path(os.environ.get("CABSLICE_CURA_DEFINITIONS", "/usr/share/cura/resources/definitions"))
+DEFINITIONS = Path(os.environ.get("CURA_DEFINITIONS", "/usr/share/cura/resources/definitions"))
 CURA = {
     "layer_height": 0.2, "layer_height_0": 0.2, "wall_line_count": 2, "infill_sparse_density": 20,
     "infill_line_distance": 4, "infill_pattern": "grid", "top_layers": 4, "bottom_layers": 4, "adhesion_type": "skirt",
