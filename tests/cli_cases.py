@@ -10,6 +10,7 @@ from cabslice.cli.main import main
 
 COARSE = (
     "layer_mm=0.3", "first_layer_mm=0.3", "walls=1", "top_layers=1", "bottom_layers=1", "infill=0.1", "skirt_loops=0",
+    "min_layer_s=0",
 )
 SETS = [word for row in COARSE for word in ("-s", row)]
 PRINTER = ["-p", "cabfab-optim"]
