@@ -36,7 +36,7 @@ from cabslice.slicing.layer import Layer
 from cabslice.timing.trajectory import Trajectory
 from cabslice.toolpath.path import Toolpath
 
-MAGIC, SCHEMA, ALIGN, DIGEST = b"CABSLICE", 1, 64, 32
+MAGIC, SCHEMA, ALIGN, DIGEST = b"CABSLICE", 2, 64, 32
 PREFIX = struct.Struct("<8sII")
 
 
