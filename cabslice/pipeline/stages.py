@@ -1,0 +1,266 @@
+"""The stages in order: each takes the product before it, or any earlier one, and refuses what did not pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cabslice.errors import ImpossibleError, ModelError, UsageError
+from cabslice.feasibility.findings import Verdict
+from cabslice.mesh.part import Part
+from cabslice.pipeline.inputs import Placed
+from cabslice.pipeline.profiles import lead_of, period_of, profiles_of, robot_of
+from cabslice.profile.material import Material
+from cabslice.profile.printer import Printer
+from cabslice.profile.process import Process
+from cabslice.robot.model import Robot
+from cabslice.slicing.layer import Layer, Role
+from cabslice.store import Laid, Planned, Product, Sliced
+from cabslice.toolpath.path import Toolpath
+
+if TYPE_CHECKING:
+    from cabslice.motors.stream import MotorStream
+
+Progress = Callable[[str, int, int], None]   # stage, done, total
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+def to_layers(product: Placed | Product, progress: Progress = silent, *, jobs: int = 1) -> Sliced:
+    if isinstance(product, Placed):
+        return Sliced(product.origin, tuple(_cut(product, progress, jobs)))
+    return _only(product, Sliced, "layers")
+
+
+def to_path(product: Placed | Product, progress: Progress = silent, *, jobs: int = 1) -> Laid:
+    if not isinstance(product, (Placed, Sliced)):
+        return _only(product, Laid, "path")
+    profiles = profiles_of(product.origin)
+    assert profiles.printer.extruder
+    layers: Iterable[Layer] = product.layers if isinstance(product, Sliced) else _cut(product, progress, jobs)
+    from cabslice.toolpath.order import lay_toolpath  # here: its compiled parts load while other processes slice
+
+    toolpath = lay_toolpath(
+        layers, profiles.process, profiles.material,
+        filament_diameter_mm=profiles.printer.extruder.filament_diameter_mm,
+        source=f"{product.origin.part} sha256:{product.origin.sha256}",
+    )
+    if not np.isin(toolpath.role, (Role.TRAVEL, Role.SKIRT), invert=True).any():
+        raise ModelError(
+            f"{product.origin.part}: no layer of it has room for a bead {profiles.process.outer_bead_mm:g} mm wide; "
+            "is the unit right? See --unit and --scale.", file=product.origin.part,
+        )
+    return Laid(product.origin, toolpath)
+
+
+def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
+    """Can this robot follow this path, from home and back? Of a plan also: does the motion keep every limit?"""
+    verdict = check_path(product, progress)
+    return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
+
+
+def check_path(
+    product: Laid | Planned, progress: Progress = silent, *, far: float | None = None, bare: bool = False
+) -> Verdict:
+    """The margin of cables to the part is looked for up to `far` mm, where that is given. `bare`: nothing is laid."""
+    from cabslice.feasibility.check import check
+    from cabslice.toolpath.checks import check_toolpath
+
+    check_toolpath(product.toolpath)
+    robot, corner = robot_of(product), profiles_of(product.origin).process.corner_mm
+    # the motion may leave the path by the corner tolerance, and takes the ends of the cables with it
+    robot = replace(robot, clearance=robot.clearance + corner)
+    whole = product if isinstance(product, Planned) else with_ends(product)
+    more = {} if far is None else {"far": far}
+    return check(whole.toolpath, robot, progress=partial(progress, "check"), bare=bare, **more)
+
+
+def with_ends(product: Laid) -> Laid:
+    """The path with the way from home before it and the way home after it, where it has none yet."""
+    from cabslice.motors import approach
+
+    start = profiles_of(product.origin).printer.start
+    return Laid(product.origin, approach.with_ends(product.toolpath, robot_of(product), start))
+
+
+def taken_up(product: Laid | Planned, layer: int) -> tuple[Laid, Laid]:
+    """The path from `layer` on, and what has to be checked for it: the same with what stands already. UsageError."""
+    from cabslice.motors import approach
+
+    start = profiles_of(product.origin).printer.start
+    moved, whole = approach.resumed(product.toolpath, robot_of(product), start, layer)
+    return Laid(product.origin, moved), Laid(product.origin, whole)
+
+
+def check_box(product: Placed | Product) -> Verdict | None:
+    """What can be said of a part before it is sliced; None of a product, which is."""
+    from cabslice.feasibility.fits import fits
+
+    return fits(product.part.bounds, robot_of(product)) if isinstance(product, Placed) else None
+
+
+def to_plan(
+    product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1,
+    from_layer: int | None = None,
+) -> tuple[Planned, Verdict]:
+    """The audited motion. Raises ImpossibleError with the findings where the robot cannot make it.
+
+    With `from_layer` only what is from that layer on, with what is below it on the bed.
+    """
+    if isinstance(product, Planned) and from_layer is None:
+        return product, passed(check(product, progress, jobs=jobs))
+    box = check_box(product)
+    if box is not None:
+        passed(box)
+    if isinstance(product, Planned):
+        laid = Laid(product.origin, product.toolpath)
+    else:
+        laid = to_path(product, progress, jobs=jobs)
+    laid, shown = (laid, laid) if from_layer is None else taken_up(laid, from_layer)
+    verdict = passed(check_path(shown, progress))
+    plan, proof = proven(laid, progress, engine=engine, jobs=jobs)
+    return plan, verdict.joined(passed(proof))
+
+
+def proven(
+    laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
+) -> tuple[Planned, Verdict]:
+    """The motion with the audit that it passes, slowed where the audit asked for it, or fails."""
+    from cabslice.simulation.accuracy import window_s
+    from cabslice.timing.proof import plan_proven
+
+    laid = with_ends(laid)
+    path, robot, printer, *others = _given(laid)
+    assert printer.motion is not None
+    plain = printer.motion
+
+    def make(limit: float | None) -> tuple[Any, Verdict]:
+        motion = plain if limit is None else plain.model_copy(
+            update={"max_acceleration_mm_s2": limit, "smoothing_ms": 1e3 * window_s(robot, plain.smoothing_ms / 1e3)})
+        return plan_proven(
+            path, robot, printer.model_copy(update={"motion": motion}), *others, engine=engine, jobs=jobs,
+            planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
+        )
+
+    trajectory, verdict = make(None) if plain.accuracy_um is None else _accurate(laid, make, progress)
+    return Planned(laid.origin, laid.toolpath, trajectory), verdict
+
+
+def _accurate(laid: Laid, make: Callable[[float | None], Any], progress: Progress) -> tuple[Any, Verdict]:
+    """The motion that keeps motion.accuracy_um in simulation."""
+    from cabslice.simulation import accuracy
+
+    printer, robot, period = profiles_of(laid.origin).printer, robot_of(laid), period_of(laid)
+    assert printer.motion is not None
+    asked = (printer.motion.accuracy_um or 0.0) / 1e3
+
+    def judged(trajectory: Any) -> Any:
+        stream = stream_of(Planned(laid.origin, laid.toolpath, trajectory), {}, period)
+        given = accuracy.cases(stream, robot, printer, asked)
+        return accuracy.judge(stream, robot, given, laid.toolpath.layer, partial(progress, "simulate"))
+
+    return accuracy.within(make, judged, printer.motion.max_acceleration_mm_s2, laid.toolpath.layer)
+
+
+def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1) -> Planned:
+    """The motion alone, neither checked nor audited."""
+    from cabslice.timing.retime import plan
+
+    laid, tick = with_ends(laid), partial(progress, "plan")
+    return Planned(laid.origin, laid.toolpath, plan(*_given(laid), engine=engine, jobs=jobs, progress=tick))
+
+
+def audited(plan: Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
+    """The audit of the finished motion alone."""
+    from cabslice.timing.audit import audit
+
+    return audit(plan.trajectory, *_given(plan), jobs=jobs, progress=partial(progress, "audit"))
+
+
+def active_limits(plan: Planned) -> dict[str, float]:
+    """Limit -> share of the print time in which it is the active one."""
+    from cabslice.timing.explain import time_by_limit
+
+    return time_by_limit(plan.trajectory, *_given(plan))
+
+
+def compared(plan: Planned, *, jobs: int = 1) -> list[dict[str, Any]]:
+    """What printer firmware would do with one acceleration that is safe everywhere: time, and the limits it breaks."""
+    from cabslice.timing import baseline
+
+    return baseline.compared(plan.trajectory.duration, *_given(plan), jobs=jobs)
+
+
+def _given(product: Laid | Planned) -> tuple[Toolpath, Robot, Printer, Material, Process]:
+    profiles = profiles_of(product.origin)
+    return product.toolpath, robot_of(product), profiles.printer, profiles.material, profiles.process
+
+
+def at_speed(
+    plan: Planned, verdict: Verdict, share: float, progress: Progress = silent, *, jobs: int = 1
+) -> tuple[Planned, Verdict]:
+    """The plan played at `share` of its speed, audited anew: ImpossibleError where that breaks a limit."""
+    from cabslice.timing.trajectory import at_share
+
+    if share == 1.0:
+        return plan, verdict
+    other = replace(plan, trajectory=at_share(plan.trajectory, share))
+    found = audited(other, progress, jobs=jobs)
+    remedy = f"At {100 * share:g} % of its speed: play it slower, or plan it with other speeds."
+    found = replace(found, findings=tuple(replace(finding, help=remedy) for finding in found.findings))
+    return other, verdict.joined(passed(found))
+
+
+def _cut(placed: Placed, progress: Progress, jobs: int) -> Iterator[Layer]:
+    """The layers of the part, in the making from now on; of several in turn, numbered on from one to the next."""
+    from cabslice.slicing.slicer import slice_part
+
+    profiles = profiles_of(placed.origin)
+    assert profiles.printer.nozzle
+    cut = partial(
+        slice_part, process=profiles.process, nozzle_mm=profiles.printer.nozzle.diameter_mm,
+        progress=partial(progress, "slice"), jobs=jobs, modifiers=placed.modifiers,
+    )
+    return _in_turn(placed.parts, cut) if placed.parts else cut(placed.part)
+
+
+def _in_turn(parts: Iterable[Part], cut: Callable[[Part], Iterator[Layer]]) -> Iterator[Layer]:
+    """The tallest last."""
+    done = 0
+    for part in sorted(parts, key=lambda part: float(part.vertices[:, 2].max())):
+        for layer in cut(part):
+            yield replace(layer, index=done + layer.index)
+        done += layer.index + 1
+
+
+def _only(product: Any, cls: type, stage: str) -> Any:
+    if isinstance(product, cls):
+        return product
+    raise UsageError(f"The file is already past the stage \"{stage}\": start from the part or an earlier product.")
+
+
+def passed(verdict: Verdict) -> Verdict:
+    if verdict.ok:
+        return verdict
+    count = len(verdict.findings)
+    raise ImpossibleError(
+        f"The robot cannot make this part as asked: {count} reason{'s' if count > 1 else ''}.", verdict.findings,
+        checked=list(verdict.checked),
+    )
+
+
+def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float, *, extrude: bool = True) -> MotorStream:
+    from cabslice.motors.stream import make_stream
+    from cabslice.simulation.damping import relaxation
+
+    return make_stream(
+        plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header,
+        lead=lead_of(plan.origin), extrude=extrude,
+        relaxation=relaxation(profiles_of(plan.origin).printer, robot_of(plan)),
+    )
