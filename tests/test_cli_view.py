@@ -78,8 +78,9 @@ def test_a_plan_shows_what_inspect_says(made, capsys):
     assert shown["acceleration_mm_s2"].max() == pytest.approx(said["peak_nozzle_acceleration_mm_s2"], rel=2e-2)
     stream = read(made / "box.stream")
     rows = [block.tension[max(0, stream.header["lead_rows"] - block.row):] for block in stream]     # of the motion
-    assert shown["max_tension_n"].max() == pytest.approx(np.concatenate(rows).max(), rel=2e-3)
-    assert shown["min_tension_n"][1:].min() == pytest.approx(np.concatenate(rows).min(), rel=2e-3)
+    # the file holds what stretches the cables (without their damping), for the acceleration that its rows can say
+    assert shown["max_tension_n"].max() == pytest.approx(np.concatenate(rows).max(), rel=1e-2)
+    assert shown["min_tension_n"][1:].min() == pytest.approx(np.concatenate(rows).min(), rel=1e-2)
     plan = store.load(made / "box.plan")[1]
     assert unpacked(found["moves"]["time"])[-1] == pytest.approx(plan.trajectory.duration, abs=0.02)
     assert shown["motor_rad_s"].max() == pytest.approx(max(said["peak_motor_speed_rad_s"]), rel=1e-2)

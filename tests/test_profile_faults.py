@@ -234,6 +234,9 @@ def test_a_misspelt_key_is_refused_and_the_right_one_named(tmp_path, case):
     for row in rows:
         for part in path[1 if path[0] == "cable" else 0:-1]:
             row = row.setdefault(part, {})
+            if isinstance(row, list):
+                row.append({})
+                row = row[0]
         row[typo] = row.pop(path[-1], 1)
     faults = faults_of(write(tmp_path, dump(values)), kind)
     told = [fault for fault in faults if "unknown key" in fault]
@@ -259,6 +262,9 @@ def test_whatever_stands_behind_a_key_it_is_a_value_or_a_fault(tmp_path, kind, d
     table = values
     for part in path[:-1]:
         table = table["cable"][data.draw(st.integers(0, 7))] if part == "cable" else table.setdefault(part, {})
+        if isinstance(table, list):
+            table.append({})
+            table = table[0]
     table[path[-1]] = data.draw(ODD)
     file, faults = write(tmp_path, dump(values)), []
     try:

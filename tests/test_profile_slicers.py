@@ -108,7 +108,7 @@ def test_prusaslicers_settings(tmp_path, name, lead):
     assert (speeds.outer_wall, speeds.solid_infill, speeds.top_skin, speeds.sparse_infill) == (30, 35, 17.5, 70)
     assert (retraction.length_mm, retraction.speed_mm_s, retraction.prime_speed_mm_s, retraction.hop_mm) == (
         1.1, 45, 45, 0.25)
-    assert (process.infill_every, process.ironing.on, process.ironing.flow) == (2, True, 0.12)
+    assert (process.infill_every, process.ironing.enabled, process.ironing.flow) == (2, True, 0.12)
     assert (process.support.kind, process.support.angle_deg) == ("straight", 55)
     assert (material.print_nozzle_c, material.first_nozzle_c, material.density_g_cm3, material.price_per_kg) == (
         245, 250, 1.27, 24.5)

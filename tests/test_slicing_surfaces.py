@@ -72,7 +72,7 @@ def test_skin_angle_turns_skins_and_leaves_infill():
 
 @pytest.mark.parametrize(("spacing", "flow"), [(0.1, 0.15), (0.2, 0.3)])
 def test_ironing_covers_top_skins_with_what_is_asked(spacing, flow):
-    layers = sliced(STEP, ironing={"on": True, "spacing_mm": spacing, "flow": flow})
+    layers = sliced(STEP, ironing={"enabled": True, "spacing_mm": spacing, "flow": flow})
     ironed = [layer.index for layer in layers if Role.IRONING in layer.beads.role]
     assert ironed == [layer.index for layer in layers if Role.TOP_SKIN in layer.beads.role] == [9, 19]
     for index in ironed:
@@ -92,7 +92,7 @@ def test_ironing_covers_top_skins_with_what_is_asked(spacing, flow):
 
 
 def test_ironing_comes_last_at_its_own_speed():
-    asked = process(infill=0.2, skirt_loops=0, ironing={"on": True})
+    asked = process(infill=0.2, skirt_loops=0, ironing={"enabled": True})
     asked = asked.model_copy(update={"speeds_mm_s": asked.speeds_mm_s.model_copy(update={"ironing": 17.0})})
     path = lay_toolpath(slice_part(STEP, asked, nozzle_mm=0.4), asked, PLA, filament_diameter_mm=1.75)
     ironing = path.role == Role.IRONING

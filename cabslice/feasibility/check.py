@@ -7,6 +7,7 @@ part printed so far by what they sweep (trees, sweep). What was checked is said 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,10 +71,20 @@ def check(
     verdict = verdict.joined(_plate(job, moves, grow))
     if not bare:
         beads = tree_of_beads(beads_of(toolpath, stages))
-        verdict = verdict.joined(head_and_part(job, moves, beads))
+        verdict = verdict.joined(head_and_part(job, moves, beads, _levelled(toolpath, stages, robot)))
         verdict = verdict.joined(_part(job, moves, beads, grow, far, tell))
     missing = without_shapes(robot)
     return verdict.joined(Verdict(missing)) if missing else verdict
+
+
+def _levelled(toolpath: Toolpath, stages: Array, robot: Robot) -> tuple[Tree, Tree] | None:
+    """Moves and beads with the slope of the bed taken out of them; None where the bed is level."""
+    if not robot.bed_slope.any():
+        return None
+    xyz = toolpath.xyz.copy()
+    xyz[:, 2] -= xyz[:, :2] @ robot.bed_slope
+    flat = replace(toolpath, xyz=xyz)
+    return tree_of_moves(moves_of(flat, stages), robot), tree_of_beads(beads_of(flat, stages))
 
 
 def _places(job: Job, tell: Progress) -> Verdict:

@@ -87,15 +87,19 @@ def _with(
 
 # ---- against the part
 
-def head_and_part(job: Job, moves: Tree, beads: Tree) -> Verdict:
-    """Nozzle tip and bodies against what was laid in earlier stages: only what stands higher than they can be met."""
+def head_and_part(job: Job, moves: Tree, beads: Tree, level: tuple[Tree, Tree] | None = None) -> Verdict:
+    """Nozzle tip and bodies against what was laid in earlier stages: only what stands higher than they can be met.
+
+    `level`: moves and beads as over a level bed, for the tip, which a slope lifts as much as what is under it.
+    """
     tip = Body(TIP, np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
     found: list[Finding] = []
     bodies = [tip, *moving_bodies(job.robot)]
     for body in bodies:
-        pair = first_met(moves, beads, Widths(body))
+        trees = level if level and body is tip else (moves, beads)
+        pair = first_met(*trees, Widths(body))
         if pair is not None:
-            found.append(_met(job, moves, beads, body, *pair))
+            found.append(_met(job, *trees, body, *pair))
     names = ", ".join(body.name for body in bodies)
     sentence = f"Against the part printed in earlier layers: {names}; {job.count} moves."
     return Verdict((sentence,), tuple(found))

@@ -24,6 +24,9 @@ _LEAST = {1: "one", 2: "two"}
 _PLURALS = {"number": "numbers", "integer": "whole numbers", "string": "texts"}
 
 
+LIST = "a list of tables"
+
+
 @dataclass(frozen=True)
 class Key:
     """One key. `path` has no positions: ("cable", "winder", "layers") stands for the winders of all cables."""
@@ -99,7 +102,7 @@ def _type(schema: Mapping[str, Any]) -> str:
         allowed = schema.get("enum", [schema.get("const")])
         return " or ".join(f'"{one}"' if isinstance(one, str) else str(one) for one in allowed)
     if schema["type"] == "array of tables":
-        return "a list of tables"
+        return LIST
     if schema["type"] == "array":
         return _list_type(schema)
     return "a text that is not empty" if schema.get("minLength") else _NOUNS[schema["type"]]

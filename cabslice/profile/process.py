@@ -57,7 +57,7 @@ class Retraction(Table):
 class Ironing(Table):
     """A second pass of the hot nozzle over top skins, with little plastic, that makes them smooth."""
 
-    on: bool = Field(default=False, description="whether top skins are ironed")
+    enabled: bool = Field(default=False, description="whether top skins are ironed")
     spacing_mm: float = Field(default=0.1, gt=0.01, le=5, description="distance of the lines")
     flow: float = Field(default=0.15, ge=0.01, le=1, description="plastic, as a share of what a layer would hold")
 

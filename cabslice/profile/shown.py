@@ -9,7 +9,7 @@ from typing import Any
 
 from cabslice.profile import shelf
 from cabslice.profile.faults import checked
-from cabslice.profile.keys import Key, keys
+from cabslice.profile.keys import LIST, Key, keys
 from cabslice.profile.reader import NOT_INHERITED, Draft
 from cabslice.profile.toml import Place, assignment, dump, literal
 
@@ -125,7 +125,9 @@ def starter(kind: str, name: str, parent: str | None = None, *, beside: Path | N
 
 def _section(table: Key, known: list[Key], values: Mapping[str, Any], inherits: bool) -> list[str]:
     absent = inherits and _lookup(values, table.path) is None
-    within = [_line(key, values) for key in known if key.path[:-1] == table.path]
+    within = [_line(key, values) for key in known if key.path[:-1] == table.path and not key.table]
+    if table.type == LIST:
+        return ["", f"# [[{table.dotted}]]    # one block for each; {table.description}", *within]
     return ["", f"{'# ' if absent else ''}[{table.dotted}]    # {table.description}", *within]
 
 

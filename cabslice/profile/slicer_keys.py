@@ -151,7 +151,7 @@ PRUSA = (
     _rule("infill", "fill_density", _share("fill_density")), _rule("pattern", "fill_pattern",
                                                                    _choice("fill_pattern", PATTERNS)),
     _rule("infill_every", "infill_every_layers", _whole("infill_every_layers")),
-    _rule("ironing.on", "ironing", _switch("ironing")), _rule("ironing.spacing_mm", "ironing_spacing"),
+    _rule("ironing.enabled", "ironing", _switch("ironing")), _rule("ironing.spacing_mm", "ironing_spacing"),
     _rule("ironing.flow", "ironing_flowrate", _share("ironing_flowrate")),
     _rule(S + "ironing", "ironing_speed", _number("ironing_speed", above=0.0)),
     _rule("infill_angle_deg", "fill_angle"), _rule("infill_overlap", "infill_overlap", _share("infill_overlap")),

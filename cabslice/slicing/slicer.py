@@ -212,7 +212,7 @@ def _fill(
         over = bridge_angle(bridge, near.below, filling.width_mm, turned)
         strips.append(fill_solid(beads, bridge, filling, over, Role.BRIDGE))
     strips.append(fill_solid(beads, parts.top, filling, turned, Role.TOP_SKIN))
-    if process.ironing.on:
+    if process.ironing.enabled:
         iron(beads, parts.top, filling, process.ironing.spacing_mm, process.ironing.flow, turned + np.pi / 2)
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips], parts.sparse if process.infill > 0 else Region()
