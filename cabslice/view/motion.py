@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.errors import PoseError
-from cabslice.motors.stream import MotorStream, row_count
+from cabslice.errors import ImpossibleError, PoseError
+from cabslice.motors.stream import MotorStream, make_stream, row_count
 from cabslice.robot import kinematics, tension, winder, wrench
 from cabslice.robot.forward import forward
 from cabslice.robot.model import Robot
@@ -114,8 +114,8 @@ def _over(reduce: np.ufunc, column: Array, spans: Array) -> Array:
 
 
 def _motor_speeds(trajectory: Trajectory, robot: Robot, end: Array, period_s: float) -> Array | None:
-    """(N, m) rad/s of each move as the motor file says it, central differences of commanded angles: the highest of
-    all rows, or of a longer motion what the middle of each move has."""
+    """(N, m) rad/s of each move: the highest of all rows of the motor file, or of a longer motion what the middle of
+    each move has."""
     if robot.winders is None:
         return None
     begin = np.concatenate(([0.0], end[:-1]))
@@ -124,11 +124,10 @@ def _motor_speeds(trajectory: Trajectory, robot: Robot, end: Array, period_s: fl
         if count > SPREAD:
             ahead, behind = (_angles(trajectory, robot, (begin + end) / 2 + shift) for shift in (period_s, -period_s))
             return np.abs(ahead - behind) / (2 * period_s)
-        angle = _angles(trajectory, robot, np.arange(count) * period_s)
-    except PoseError:
+        stream = make_stream(trajectory, robot, period_s=period_s, header={})
+        speed = np.abs(np.concatenate([block.velocity for block in stream]))
+    except (PoseError, ImpossibleError):
         return None
-    change = np.concatenate((angle[1:], angle[-2:-1])) - np.concatenate((angle[1:2], angle[:-1]))
-    speed = np.abs(change) / (2 * period_s)
     first = np.minimum(np.searchsorted(np.arange(count) * period_s, begin), count - 1)
     last = np.maximum(np.minimum((end / period_s).astype(np.int64) + 1, count), first + 1)
     return _over(np.maximum, speed, np.stack((first, last), axis=1).ravel())
