@@ -12,6 +12,7 @@ from cabslice import pipeline, store
 from cabslice.cli.main import main
 from cabslice.errors import ImpossibleError
 from cabslice.mesh.arrange import rows
+from cabslice.robot.model import robot_from_printer
 from cabslice.slicing.layer import Role
 from cabslice.toolpath.checks import find_faults
 from cabslice.toolpath.path import EventKind
@@ -93,7 +94,7 @@ def test_one_after_the_other_needs_room_for_the_platform():
     with pytest.raises(ImpossibleError, match=r"need .* mm between them: the platform"):
         pipeline.read(CUBE, profile, pipeline.Placement(copies=2, gap_mm=1.0, sequence="objects"))
     tall = pipeline.read(CUBE, profile, pipeline.Placement(scale=8.0, copies=2, sequence="objects")).parts
-    robot = pipeline.robot_from_printer(profile.printer)
+    robot = robot_from_printer(profile.printer)
     hanging = robot.attachments - robot.nozzle
     radius = np.hypot(*hanging[hanging[:, 2] < 160].T[:2]).max()
     gap = max(tall[1].bounds[0] - tall[0].bounds[1])

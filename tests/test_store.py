@@ -139,7 +139,7 @@ def test_columns_begin_on_multiples_of_64_as_documented(cube_path):
     content = cube_path.read_bytes()
     magic, schema, length = struct.unpack_from("<8sII", content)
     header = json.loads(content[16 : 16 + length])
-    assert (magic, schema, header["kind"]) == (b"CABSLICE", 1, "path")
+    assert (magic, schema, header["kind"]) == (b"CABSLICE", store.SCHEMA, "path")
     assert all(row["at"] % 64 == 0 for row in header["columns"])
     xyz = header["columns"][header["value"]["fields"]["toolpath"]["fields"]["xyz"]["column"]]
     found = np.frombuffer(content, xyz["dtype"], int(np.prod(xyz["shape"])), xyz["at"])
