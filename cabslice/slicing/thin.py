@@ -16,6 +16,7 @@ from cabslice.slicing.region import Region, contains, following, ring_areas, to_
 
 JOIN = 1.0       # of d: ends nearer than this continue each other, where branches meet
 DOT = 0.3        # of d: a shorter line is none
+BROAD = 0.42     # of the widest line: a bead and less
 SPOT = 0.6       # of the largest disc of a strip: smaller discs are its corners
 FULL = 0.6       # of a strip's area: where lines cover less, dots are added
 DETAIL = 0.06    # of d: what place and width may be off where points are left out
@@ -220,8 +221,14 @@ def _spots(
     whole = np.bincount(owner, area, len(area))
     held = np.bincount(owner[[line.ring for line in lines]], [line.area for line in lines], len(area))
     spots = []
-    for ring in np.flatnonzero((area > 0) & (held < FULL * whole)):
-        mine = (owner[found.discs.ring] == ring) & (found.discs.diameter <= widest)
+    of_disc = owner[found.discs.ring]
+    lacking = (area > 0) & (held < FULL * whole)
+    fits = found.discs.diameter <= widest
+    broad = fits & (found.discs.diameter >= BROAD * widest)     # wide enough for a bead: nowhere left empty
+    broad[broad] = _far(found.discs.centre[broad], lines)
+    looked_at = np.union1d(np.flatnonzero(lacking), of_disc[broad])
+    for ring in looked_at:
+        mine = (of_disc == ring) & (fits if lacking[ring] else broad)
         centre, diameter = found.discs.centre[mine], found.discs.diameter[mine]
         free = np.ones(len(centre), dtype=bool)
         for line in lines:
@@ -235,6 +242,22 @@ def _spots(
             spots.append(_Line(ends, np.full(2, diameter[best]), False, int(ring)))
             free &= np.linalg.norm(centre - centre[best], axis=1) > (diameter + diameter[best]) / 2
     return spots
+
+
+def _far(query: Array, lines: list[_Line]) -> Array:
+    """(Q,) bool: query points (Q, 2) outside the discs at all points of the lines."""
+    if not lines or not len(query):
+        return np.ones(len(query), dtype=bool)
+    place = np.concatenate([line.points for line in lines])
+    radius = np.concatenate([line.diameter for line in lines]) / 2
+    order = np.argsort(place[:, 0], kind="stable")
+    place, radius = place[order], radius[order]
+    first = np.searchsorted(place[:, 0], query[:, 0] - radius.max())
+    count = np.searchsorted(place[:, 0], query[:, 0] + radius.max(), side="right") - first
+    asked = np.repeat(np.arange(len(query)), count)
+    near = np.arange(len(asked)) + np.repeat(first - np.cumsum(count) + count, count)
+    inside = ((query[asked] - place[near]) ** 2).sum(1) <= radius[near] ** 2
+    return np.bincount(asked[inside], minlength=len(query)) == 0
 
 
 def _owners(points: Array, starts: Array, area: Array, group: Array) -> Array:
