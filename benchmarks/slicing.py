@@ -127,7 +127,8 @@ def large(folder: Path) -> list[Job]:
     making.join()
     none = float("inf")
     jobs = [
-        Job("bunny, 1.1 M triangles", folder / "bunny_million.stl", limit=Cost(15, none, 1024, 0, ""), peers=False),
+        Job("bunny, 1.1 M triangles", folder / "bunny_million.stl", (*SETTINGS, "layer_mm=0.2676"),   # 740 layers
+            limit=Cost(15, none, 1024, 0, ""), peers=False),
         Job("bunny 2.4 m", folder / "bunny_2.4m.stl", (*SETTINGS, *COARSE), limit=Cost(none, 60, 1024, 0, ""),
             peers=False),
     ]
