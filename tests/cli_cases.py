@@ -37,3 +37,10 @@ def answered(capsys, *words):
     capsys.readouterr()
     code = run(*words, "--json")
     return code, json.loads(capsys.readouterr().out)
+
+
+def planned_box(folder):
+    """The .plan of the box."""
+    part, plan = write_box(folder / "box.stl"), folder / "box.plan"
+    assert run("plan", part, *PRINTER, *SETS, "-o", plan, "-q") == 0
+    return plan

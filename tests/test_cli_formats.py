@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from cli_cases import PRINTER, SETS, answered, run, write_box
+from cli_cases import PRINTER, SETS, answered, planned_box, run, write_box
 
 from cabslice.errors import ProductError
 from cabslice.motors import formats
@@ -24,10 +24,7 @@ PEAKS = ("peak_motor_speed_rad_s", "max_tension_n", "peak_torque_n_m")
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("planned")
-    part, plan = write_box(folder / "box.stl"), folder / "box.plan"
-    assert run("plan", part, *PRINTER, *SETS, "-o", plan, "-q") == 0
-    return plan
+    return planned_box(tmp_path_factory.mktemp("planned"))
 
 
 @EACH

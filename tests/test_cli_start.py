@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cli_cases import PRINTER, SETS, answered, run, write_box
+from cli_cases import PRINTER, answered, planned_box, run
 
 from cabslice.motors import formats
 from cabslice.motors.machine import robot_of
@@ -12,10 +12,7 @@ from cabslice.robot.winder import pulley_lengths_of
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("planned")
-    part, plan = write_box(folder / "box.stl"), folder / "box.plan"
-    assert run("plan", part, *PRINTER, *SETS, "-o", plan, "-q") == 0
-    return plan
+    return planned_box(tmp_path_factory.mktemp("planned"))
 
 
 def exported(planned, path, capsys, *words):

@@ -73,12 +73,8 @@ def read(
     paths = (path, *blockers, *enforcers)
     part, *others = (load_mesh(one, unit=placement.unit, scale=placement.scale) for one in paths)
     kinds = ["support blocker"] * len(blockers) + ["support enforcer"] * len(enforcers)
-    origin = Origin(
-        part.name, part.sha256, part.repairs, part.warnings,
-        placement.unit, float(placement.scale), tuple(placement.turn_deg), placement.at_mm,
-        as_json(profiles.printer), as_json(profiles.material), as_json(profiles.process),
-        tuple(f"{kind} {one.name} sha256:{one.sha256}" for kind, one in zip(kinds, others, strict=True)),
-    )
+    told = tuple(f"{kind} {one.name} sha256:{one.sha256}" for kind, one in zip(kinds, others, strict=True))
+    origin = _origin_of_part(part, profiles, placement, told)
     part, *others = place_with(part, others, turn_deg=placement.turn_deg, at_mm=placement.at_mm)
     return Placed(origin, part, Modifiers(others[:len(blockers)], others[len(blockers):]))
 
@@ -107,11 +103,7 @@ def _plate(paths: Sequence[str | Path], profiles: Profiles, placement: Placement
         f"part {one.name} sha256:{one.sha256} in x {low[0]:.3f} to {high[0]:.3f}, y {low[1]:.3f} to {high[1]:.3f} mm"
         for one in parts for low, high in [one.bounds]
     )
-    origin = Origin(
-        whole.name, whole.sha256, whole.repairs, whole.warnings,
-        placement.unit, float(placement.scale), tuple(placement.turn_deg), placement.at_mm,
-        as_json(profiles.printer), as_json(profiles.material), as_json(profiles.process), stood,
-    )
+    origin = _origin_of_part(whole, profiles, placement, stood)
     return Placed(origin, whole, NO_MODIFIERS, tuple(parts) if in_turn else ())
 
 
@@ -147,6 +139,14 @@ def read_gcode(path: str | Path, profiles: Profiles, foreign: Foreign | None = N
     )
     origin = origin_of(Path(path).name, hashlib.sha256(Path(path).read_bytes()).hexdigest(), profiles)
     return Laid(replace(origin, warnings=reading.warnings), with_stops(reading.toolpath, profiles.process))
+
+
+def _origin_of_part(part: Part, profiles: Profiles, placement: Placement, modifiers: tuple[str, ...]) -> Origin:
+    return replace(
+        origin_of(part.name, part.sha256, profiles), repairs=part.repairs, warnings=part.warnings,
+        unit=placement.unit, scale=float(placement.scale), turn_deg=tuple(placement.turn_deg), at_mm=placement.at_mm,
+        modifiers=modifiers,
+    )
 
 
 def origin_of(name: str, sha256: str, profiles: Profiles) -> Origin:

@@ -23,13 +23,14 @@ import zlib
 from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import OutputError, ProductError
 from cabslice.motors.formats import writing
+from cabslice.motors.formats.reading import damaged, opened
 from cabslice.motors.formats.writing import BLOCK_ROWS, Rows, Sum
 from cabslice.motors.statistics import StreamStatistics
 from cabslice.motors.stream import SCHEMA, UNITS, Block, MotorStream
@@ -139,13 +140,13 @@ def read(path: Any) -> MotorStream:
     Raises ProductError at once where the header is wrong, and on the way where a line, the number of rows or the
     checksum is.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         header = _read_header(file, path)[0]
     return MotorStream({**header, "units": UNITS}, partial(_blocks, path))
 
 
 def _blocks(path: Any) -> Iterator[Block]:
-    with _opened(path) as file:
+    with opened(path) as file:
         header, at, check, width = _read_header(file, path)
         cables, row = int(header["cables"]), 0
         while True:
@@ -162,9 +163,9 @@ def _blocks(path: Any) -> Iterator[Block]:
 
 def _finish(path: Any, end: bytes, after: bytes, row: int, rows: int, check: int) -> None:
     if not end:
-        _damaged(path, f"it is cut short: it ends after {row} of {rows} rows")
+        damaged(path, f"it is cut short: it ends after {row} of {rows} rows")
     if row != rows or end + after != b"# rows: %d, crc32: %08x\n" % (rows, check):
-        _damaged(path, f"its {row} rows are not the {rows} that were written, or a character of them was changed")
+        damaged(path, f"its {row} rows are not the {rows} that were written, or a character of them was changed")
 
 
 def _numbers(text: list[bytes], path: Any, line: int, width: int) -> Array:
@@ -172,9 +173,9 @@ def _numbers(text: list[bytes], path: Any, line: int, width: int) -> Array:
     try:
         values = np.loadtxt(text, delimiter=",", ndmin=2, comments=None, encoding="ascii")
     except ValueError as error:
-        _damaged(path, f"of its {len(text)} lines from {line + 1} on one is not {width} numbers ({error})")
+        damaged(path, f"of its {len(text)} lines from {line + 1} on one is not {width} numbers ({error})")
     if values.shape[1] != width or not np.isfinite(values).all():
-        _damaged(path, f"the lines from {line + 1} on hold {values.shape[1]} finite numbers each, expected {width}")
+        damaged(path, f"the lines from {line + 1} on hold {values.shape[1]} finite numbers each, expected {width}")
     return values
 
 
@@ -187,8 +188,8 @@ def _block(values: Array, row: int, cables: int) -> Block:
 def _read_header(file: BinaryIO, path: Any) -> tuple[dict[str, Any], int, int, int]:
     """Header, number of lines and CRC up to the line of names, and the number of names."""
     if file.readline(len(MAGIC)) != MAGIC:
-        sentence = f"{_name(path)} is not a CSV motor stream: its first line is not {MAGIC.decode().strip()!r}."
-        raise ProductError(sentence, file=_name(path))
+        sentence = f"{Path(path).name} is not a CSV motor stream: its first line is not {MAGIC.decode().strip()!r}."
+        raise ProductError(sentence, file=Path(path).name)
     check, at, header = zlib.crc32(MAGIC), 1, {}
     for line in file:
         check, at = zlib.crc32(line, check), at + 1
@@ -197,13 +198,13 @@ def _read_header(file: BinaryIO, path: Any) -> tuple[dict[str, Any], int, int, i
         key, value = _key_value(line, path, at)
         header[key] = value
     if header.get("schema") != SCHEMA:
-        _damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
+        damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
     if not all(isinstance(header.get(key), int) for key in ("rows", "cables")):
-        _damaged(path, "its header does not say how many rows and cables it has")
+        damaged(path, "its header does not say how many rows and cables it has")
     known = (names(header["cables"], feed=feed) for feed in (True, False))
     widths = {(",".join(row) + "\n").encode(): len(row) for row in known}
     if line not in widths:
-        _damaged(path, f"line {at} is not the names of its columns")
+        damaged(path, f"line {at} is not the names of its columns")
     return header, at, check, widths[line]
 
 
@@ -212,19 +213,4 @@ def _key_value(line: bytes, path: Any, at: int) -> tuple[str, Any]:
         key, value = line.decode("ascii")[2:].split(": ", 1)
         return key, json.loads(value)
     except ValueError as error:
-        _damaged(path, f"line {at} is not '# key: value' ({error})")
-
-
-def _opened(path: Any) -> BinaryIO:
-    try:
-        return open(path, "rb")
-    except OSError as error:
-        raise ProductError(f"{_name(path)} cannot be read: {error.strerror}.", file=_name(path)) from error
-
-
-def _name(path: Any) -> str:
-    return Path(path).name
-
-
-def _damaged(path: Any, what: str) -> NoReturn:
-    raise ProductError(f"{_name(path)} is damaged: {what}; export it again.", file=_name(path))
+        damaged(path, f"line {at} is not '# key: value' ({error})")

@@ -39,10 +39,11 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO
 
 from cabslice.errors import ProductError
 from cabslice.motors.formats import writing
+from cabslice.motors.formats.reading import damaged, opened
 from cabslice.motors.formats.writing import BLOCK_ROWS, Rows, Sum
 from cabslice.motors.statistics import StreamStatistics
 from cabslice.motors.stream import SCHEMA, Block, MotorStream, cut
@@ -50,7 +51,6 @@ from cabslice.motors.stream import SCHEMA, Block, MotorStream, cut
 LAYOUT = 2
 HEAD, FRAME, CRC, END = (struct.Struct(form) for form in ("<8sII", "<4sQII", "<I", "<QIIQ8s"))
 ROWS, DONE = b"ROWS", b"DONE"
-AGAIN = "; export it again."
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def read(codec: Codec, path: Any) -> MotorStream:
     Raises ProductError at once for a file that is not ours, cut short or of another layout, and on the way for a
     damaged frame, naming its rows.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         header, _ = _read_header(codec, file, path)
         _read_trailer(codec, file, path)
     layout = header.pop("layout")
@@ -141,7 +141,7 @@ def read(codec: Codec, path: Any) -> MotorStream:
 
 def rows(codec: Codec, path: Any, start: int, stop: int) -> Iterator[Block]:
     """The rows start:stop of a file, by its index: nothing else of it is read. Raises ProductError as `read` does."""
-    with _opened(path) as file:
+    with opened(path) as file:
         layout = _read_header(codec, file, path)[0]["layout"]
         places, total, _ = _read_trailer(codec, file, path)
         size, stop = layout["block_rows"], min(stop, total)
@@ -153,7 +153,7 @@ def rows(codec: Codec, path: Any, start: int, stop: int) -> Iterator[Block]:
 
 def _blocks(codec: Codec, path: Any, layout: dict[str, Any], first: int = 0) -> Iterator[Block]:
     """The blocks from number `first` on; from the first one on the checksum of all is compared too."""
-    with _opened(path) as file:
+    with opened(path) as file:
         _, check = _read_header(codec, file, path)
         at, sums = file.tell(), [check]
         places, rows, total = _read_trailer(codec, file, path)
@@ -162,40 +162,33 @@ def _blocks(codec: Codec, path: Any, layout: dict[str, Any], first: int = 0) -> 
         file.seek(at)
         for number, place in enumerate(places[first:], start=first):
             if file.tell() != place:
-                _damaged(path, f"block {number} of rows begins at byte {file.tell()}, not at {place} as its index says")
+                damaged(path, f"block {number} of rows begins at byte {file.tell()}, not at {place} as its index says")
             frame = _read_frame(file, path, number, row)
             sums.append(CRC.unpack(frame[-CRC.size :])[0])
             block = _unpack(codec, frame, layout)
             row += len(block)
             yield block
         if row != rows or (not first and _sum_of(sums) != total):
-            _damaged(path, f"its {row} rows or their checksums are not the {rows} of its end")
-
-
-def _opened(path: Any) -> BinaryIO:
-    try:
-        return open(path, "rb")
-    except OSError as error:
-        raise ProductError(f"{_name(path)} cannot be read: {error.strerror}.", file=_name(path)) from error
+            damaged(path, f"its {row} rows or their checksums are not the {rows} of its end")
 
 
 def _read_header(codec: Codec, file: BinaryIO, path: Any) -> tuple[dict[str, Any], int]:
     head = file.read(HEAD.size)
     if head[:8] != codec.magic:
-        raise ProductError(f"{_name(path)} is not a .{codec.name} file of cabslice.", file=_name(path))
+        raise ProductError(f"{Path(path).name} is not a .{codec.name} file of cabslice.", file=Path(path).name)
     if len(head) < HEAD.size:
-        _damaged(path, "it ends within its first 16 bytes")
+        damaged(path, "it ends within its first 16 bytes")
     _, layout, length = HEAD.unpack(head)
     if layout != LAYOUT:
-        _damaged(path, f"it has layout {layout} at byte 8, this cabslice reads layout {LAYOUT}")
+        damaged(path, f"it has layout {layout} at byte 8, this cabslice reads layout {LAYOUT}")
     body = file.read(length + CRC.size) if length < os.fstat(file.fileno()).st_size else b""
     if len(body) != length + CRC.size:
-        _damaged(path, f"it ends within its header (bytes 16 to {16 + length})")
+        damaged(path, f"it ends within its header (bytes 16 to {16 + length})")
     if zlib.crc32(head + body[:length]) != CRC.unpack(body[length:])[0]:
-        _damaged(path, f"its header (bytes 0 to {20 + length}) does not match its checksum")
+        damaged(path, f"its header (bytes 0 to {20 + length}) does not match its checksum")
     header = json.loads(body[:length])
     if header.get("schema") != SCHEMA:
-        _damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
+        damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
     return header, CRC.unpack(body[length:])[0]
 
 
@@ -205,14 +198,14 @@ def _read_trailer(codec: Codec, file: BinaryIO, path: Any) -> tuple[tuple[int, .
     file.seek(max(size - END.size, 0))
     end = file.read(END.size)
     if len(end) < END.size or not end.endswith(codec.tail):
-        _damaged(path, f"it is cut short: its end mark is not at byte {size - 8}")
+        damaged(path, f"it is cut short: its end mark is not at byte {size - 8}")
     at = END.unpack(end)[3]
     if at + END.size > size:
-        _damaged(path, f"the place of its index (byte {size - 16}) is beyond its end")
+        damaged(path, f"the place of its index (byte {size - 16}) is beyond its end")
     file.seek(at)
     body = file.read(size - at - 20)
     if body[:4] != DONE or zlib.crc32(body) != END.unpack(end)[2]:
-        _damaged(path, f"its index (bytes {at} to {size}) does not match its checksum")
+        damaged(path, f"its index (bytes {at} to {size}) does not match its checksum")
     count = CRC.unpack_from(body, 4)[0]
     *places, rows, total = struct.unpack(f"<{count}QQI", body[8:])
     return tuple(places), rows, total
@@ -223,15 +216,15 @@ def _read_frame(file: BinaryIO, path: Any, number: int, row: int) -> bytes:
     head = file.read(FRAME.size)
     where = f"block {number} of rows (from row {row}, byte {at})"
     if len(head) < FRAME.size or head[:4] != ROWS:
-        _damaged(path, f"{where} has no head")
+        damaged(path, f"{where} has no head")
     _, first, _, length = FRAME.unpack(head)
     if length > os.fstat(file.fileno()).st_size:
-        _damaged(path, f"{where} is longer than the file")
+        damaged(path, f"{where} is longer than the file")
     frame = head + file.read(length + CRC.size)
     if zlib.crc32(frame[: -CRC.size]) != CRC.unpack(frame[-CRC.size :])[0]:
-        _damaged(path, f"{where} does not match its checksum")
+        damaged(path, f"{where} does not match its checksum")
     if first != row:
-        _damaged(path, f"{where} holds the rows from {first} on")
+        damaged(path, f"{where} holds the rows from {first} on")
     return frame
 
 
@@ -239,11 +232,3 @@ def _unpack(codec: Codec, frame: bytes, layout: dict[str, Any]) -> Block:
     """The block of a frame whose checksum is right."""
     _, row, rows, length = FRAME.unpack_from(frame)
     return codec.unpack(memoryview(frame)[FRAME.size : FRAME.size + length], row, rows, layout)
-
-
-def _name(path: Any) -> str:
-    return Path(path).name
-
-
-def _damaged(path: Any, what: str) -> NoReturn:
-    raise ProductError(f"{_name(path)} is damaged: {what}{AGAIN}", file=_name(path))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from cabslice.arrays import Array
 from cabslice.errors import ProductError, UsageError
 from cabslice.files import atomic
 from cabslice.motors.formats.csv import N_M, names
+from cabslice.motors.formats.reading import damaged
 from cabslice.motors.formats.writing import BLOCK_ROWS
 from cabslice.motors.statistics import StreamStatistics, Tally, observed
 from cabslice.motors.stream import SCHEMA, Block, MotorStream, rechunk
@@ -96,7 +97,7 @@ def read(path: Any) -> MotorStream:
         told = file.metadata.metadata or {}
         header = _header(path, told.get(KEY))
         if file.metadata.num_rows != header["rows"]:
-            _damaged(path, f"it has {file.metadata.num_rows} rows, its header says {header['rows']}")
+            damaged(path, f"it has {file.metadata.num_rows} rows, its header says {header['rows']}")
     return MotorStream(header, partial(_blocks, arrow, path, header))
 
 
@@ -104,7 +105,7 @@ def _opened(arrow: Any, path: Any) -> Any:
     try:
         return arrow.parquet.ParquetFile(path, page_checksum_verification=True)
     except (OSError, arrow.ArrowException) as error:
-        _damaged(path, f"it is not whole ({str(error).splitlines()[0]})")
+        damaged(path, f"it is not whole ({str(error).splitlines()[0]})")
 
 
 def _header(path: Any, text: bytes | None) -> dict[str, Any]:
@@ -114,9 +115,9 @@ def _header(path: Any, text: bytes | None) -> dict[str, Any]:
     try:
         header = json.loads(text)
     except ValueError as error:
-        _damaged(path, f"its header is not JSON ({error})")
+        damaged(path, f"its header is not JSON ({error})")
     if header.get("schema") != SCHEMA:
-        _damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
+        damaged(path, f"it has schema {header.get('schema')}, this cabslice reads schema {SCHEMA}")
     return dict(header)
 
 
@@ -127,27 +128,22 @@ def _blocks(arrow: Any, path: Any, header: dict[str, Any]) -> Iterator[Block]:
             try:
                 table = file.read_row_group(number)
             except (OSError, arrow.ArrowException) as error:
-                _damaged(path, f"block {number} of rows (from row {row}): {str(error).splitlines()[0]}")
+                damaged(path, f"block {number} of rows (from row {row}): {str(error).splitlines()[0]}")
             columns = {name: table[name].to_numpy() for name in table.column_names}
             check = _sum(columns, check)
             yield _block(path, row, int(header["cables"]), columns)
             row += table.num_rows
         told = (file.metadata.metadata or {}).get(SUM, b"")
         if (str(check).encode(), row) != (told, header["rows"]):
-            _damaged(path, f"its {row} rows are not those whose checksum it holds")
+            damaged(path, f"its {row} rows are not those whose checksum it holds")
 
 
 def _block(path: Any, row: int, cables: int, columns: dict[str, Array]) -> Block:
     known = names(cables, feed="ed_mm_s" in columns)
     if list(columns)[: len(known)] != known:
-        _damaged(path, "its columns are not those of a motor stream")
+        damaged(path, "its columns are not those of a motor stream")
     angle, velocity, torque, tension = (
         np.stack([columns[name] for name in known[1 + cables * i : 1 + cables * (i + 1)]], axis=1) for i in range(4)
     )
     filament, feed, move = columns["e_mm"], columns.get("ed_mm_s"), columns.get("move")
     return Block(row, angle, velocity, torque / N_M, tension, filament, move, feed)
-
-
-def _damaged(path: Any, what: str) -> NoReturn:
-    name = Path(path).name
-    raise ProductError(f"{name} is damaged: {what}; export it again.", file=name)

@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from cabslice.arrays import Array
 from cabslice.errors import OutputError, ProductError
 from cabslice.motors import machine
 from cabslice.motors.formats import writing
+from cabslice.motors.formats.reading import damaged
 from cabslice.motors.formats.writing import BLOCK_ROWS, Rows, Sum, differences, neighbours
 from cabslice.motors.statistics import StreamStatistics
 from cabslice.motors.stream import SCHEMA, Block, MotorStream
@@ -179,7 +180,7 @@ def read(table: Table, path: Any) -> MotorStream:
         if size < 0:
             raise ProductError(f"{path.name} is not whole without {file.name}, which is missing.", file=path.name)
         if size != row["bytes"]:
-            _damaged(file, f"it has {size} bytes, its sidecar says {row['bytes']}")
+            damaged(file, f"it has {size} bytes, its sidecar says {row['bytes']}")
     return MotorStream(content["header"], partial(_blocks, table, path, content))
 
 
@@ -191,14 +192,14 @@ def _sidecar(table: Table, path: Path) -> dict[str, Any]:
         sentence = f"{path.name} cannot be read without its sidecar {file.name}: {error.strerror}."
         raise ProductError(sentence, file=path.name) from error
     except ValueError as error:
-        _damaged(file, f"it is not JSON ({error})")
+        damaged(file, f"it is not JSON ({error})")
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise ProductError(f"{file.name} is not a sidecar of cabslice.", file=file.name)
     if content.get("schema") != SCHEMA:
-        _damaged(file, f"it has schema {content.get('schema')}, this cabslice reads schema {SCHEMA}")
+        damaged(file, f"it has schema {content.get('schema')}, this cabslice reads schema {SCHEMA}")
     digest = content.pop("sha256", None)
     if digest != _digest(content) or file.read_bytes() != _text({**content, "sha256": digest}):
-        _damaged(file, "its content does not match its checksum")
+        damaged(file, "its content does not match its checksum")
     if content["format"] != table.name:
         raise ProductError(f"{file.name} speaks of {content['format']}, not {table.name}.", file=file.name)
     return content
@@ -232,10 +233,10 @@ def _raw(table: Table, path: Path, content: dict[str, Any]) -> Iterator[Block]:
                 columns = table.decode(parts, header)
                 yield _block(row, count, int(header["cables"]), columns)
             except ValueError as error:
-                _damaged(path, f"block {number - 1} of rows (from row {row}) does not hold {count} rows ({error})")
+                damaged(path, f"block {number - 1} of rows (from row {row}) does not hold {count} rows ({error})")
             row += count
     if row != total:
-        _damaged(path, f"its {row} rows are not the {total} its sidecar says")
+        damaged(path, f"its {row} rows are not the {total} its sidecar says")
 
 
 def _part(file: Any, told: dict[str, Any], number: int, row: int) -> bytes:
@@ -243,7 +244,7 @@ def _part(file: Any, told: dict[str, Any], number: int, row: int) -> bytes:
     part = file.read(told["ends"][number] - start)
     if zlib.crc32(part) != told["crc32"][number]:
         what = f"block {number - 1} of rows (from row {row}, byte {start})" if number else "its first line"
-        _damaged(Path(file.name), f"{what} does not match its checksum")
+        damaged(Path(file.name), f"{what} does not match its checksum")
     return part
 
 
@@ -267,7 +268,3 @@ def completed(rows: Rows, missing: list[str], period_s: float, winders: Any) -> 
     if "tension" in missing:
         new["tension"] = machine.tension(winders, block.angle, speed, acceleration, block.torque)
     return replace(block, **new)
-
-
-def _damaged(path: Path, what: str) -> NoReturn:
-    raise ProductError(f"{path.name} is damaged: {what}; export it again.", file=path.name)
