@@ -69,18 +69,41 @@ class Unfinished:
 
     def __init__(self, paths: Sequence[Path], key: str, *, overwrite: bool = False, resume: bool = False) -> None:
         self.paths, self.key, self.overwrite, self.resume = list(paths), key, overwrite, resume
-        for path in self.paths:
-            if not overwrite and path.exists():
-                _exists(path)
         self.parts = [path.with_name(f".{path.name}.part") for path in self.paths]
         self.journal_path = self.paths[0].with_name(f".{self.paths[0].name}.journal")
+        if not overwrite:
+            self._refuse_existing()
         self.journal = locked(self.journal_path, str(self.paths[0]))
+        if resume and not overwrite:
+            self._take_back()
         self.files: list[BinaryIO] = []
         self.sinks: list[_Sink] = []
         self.ends = [0] * len(self.paths)
 
     def __enter__(self) -> Unfinished:
         return self
+
+    def _refuse_existing(self) -> None:
+        """A file that is there is not replaced; a run killed after its last file got its name left just the journal."""
+        left = self.journal_path.exists()
+        for part, path in zip(self.parts, self.paths, strict=True):
+            if left and path.exists() and part.exists() and part.samefile(path):      # half of a rename
+                part.unlink(missing_ok=True)
+        if self.paths[0].exists():
+            if left and not any(part.exists() for part in self.parts):
+                journal = locked(self.journal_path, str(self.paths[0]))
+                self.journal_path.unlink(missing_ok=True)
+                journal.close()
+            _exists(self.paths[0])
+        for part, path in zip(self.parts[1:], self.paths[1:], strict=True):
+            if path.exists() and not (self.resume and left and not part.exists()):
+                _exists(path)
+
+    def _take_back(self) -> None:
+        """Files that got their names before the run was killed are parts again until the first one follows them."""
+        for part, path in zip(self.parts[1:], self.paths[1:], strict=True):
+            if path.exists() and not part.exists():
+                _rename(path, part, overwrite=False)
 
     def found(self, take: Callable[[list[bytes], Any], None]) -> None:
         """Hand the steps of an earlier run that are whole to `take(bytes of each file, note)`, drop what follows them.
@@ -306,7 +329,7 @@ def _rename_if_free(temporary: Path, target: Path) -> None:
             _exists(target)
         os.replace(temporary, target)
     else:
-        temporary.unlink()
+        temporary.unlink(missing_ok=True)
 
 
 def _exists(target: Path) -> NoReturn:

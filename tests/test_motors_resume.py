@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from motors_fakes import Turn, sample_turn, smooth_stream
 from robots import cabfab_optim
 
+from cabslice import files
 from cabslice.errors import OutputError
 from cabslice.files import Unfinished
 from cabslice.motors.formats import FORMATS
@@ -48,6 +50,41 @@ def killed(monkeypatch, name, stream, path, after):
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@RESUMED
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("named", [0, 1, 2])
+def test_a_run_killed_while_its_files_get_their_names(name, named, half, tmp_path, monkeypatch):
+    """After none, one or two of the renames, or in mid-rename: the next run ends the job, or says that it was done."""
+    stream = smooth_stream(9_000, cables=3, move=False)
+    path = tmp_path / "a" / f"a{FORMATS[name].suffix}"
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    FORMATS[name].write(stream, tmp_path / "b" / path.name)
+    rename, finish, left = files._rename, Unfinished.finish, [named]
+
+    def renamed(part, path, overwrite):
+        if not left[0]:
+            if half:
+                os.link(part, path)
+            raise Killed
+        left[0] -= 1
+        rename(part, path, overwrite)
+
+    def finished(self, parts):
+        finish(self, parts)
+        raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Unfinished, "kept", (BaseException,))
+        patched.setattr(files, "_rename", renamed)
+        patched.setattr(Unfinished, "finish", finished)
+        with pytest.raises(Killed):
+            FORMATS[name].write(stream, path, resume=True)
+    assert ".journal" in "".join(contents(tmp_path / "a"))
+    with pytest.raises(OutputError, match="exists already") if path.exists() else nullcontext():
+        FORMATS[name].write(stream, path, resume=True)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
 @RESUMED
@@ -213,7 +250,7 @@ def test_killed_at_random_moments(name, tmp_path):
         assert steps >= reached or path.exists(), "what was whole stays"
         reached = steps
     stream = smooth_stream(400_000, cables=4)
-    if not path.exists():
+    with pytest.raises(OutputError, match="exists already") if path.exists() else nullcontext():
         FORMATS[name].write(stream, path, resume=True)
     FORMATS[name].write(stream, tmp_path / "b" / path.name)
     assert contents(path.parent) == contents(tmp_path / "b")
