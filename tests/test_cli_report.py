@@ -70,6 +70,9 @@ def test_what_stands_on_a_page_of_a_plan(made, capsys):
     assert answer["min_cable_gap_mm"] == min(gap) == min(slabs)
     assert answer["min_first_mode_hz"] == min(answer["along"]["first_mode_hz"])
     assert np.ptp(answer["along"]["z_mm"]) <= 1.5 + 1e-6
+    air = answer["part_clearance_by_layer"]
+    assert air["layer"] == sorted(set(store.load(made / "box.plan")[1].toolpath.layer.tolist()))
+    assert min(air["least_mm"]) >= answer["verdict"]["margins"]["cable_part_mm"]
 
 
 def test_a_motor_file_carries_the_picture_of_its_part(made, capsys):

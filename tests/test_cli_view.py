@@ -62,6 +62,13 @@ def test_a_path_has_its_moves(made, capsys):
         assert (flow * spent)[role > 0].sum() == pytest.approx(volume, rel=0.02)
 
 
+def test_a_checked_path_tells_the_air_between_cables_and_part(made, capsys):
+    found = seen(made, "box.path", capsys, "--check")
+    verdict = answered(capsys, "check", made / "box.path")[1]["verdict"]
+    assert fields(found)["clearance_mm"].min() >= verdict["margins"]["cable_part_mm"]
+    assert not found["findings"]
+
+
 def test_the_beads_of_layers_are_all_there(made, capsys):
     found = seen(made, "box.layers", capsys)
     path = store.load(made / "box.path")[1].toolpath

@@ -30,7 +30,7 @@ from cabslice.feasibility.obstacles import (
     printing_stages,
     section,
 )
-from cabslice.feasibility.sweep import FAR, RESOLUTION, contacts
+from cabslice.feasibility.sweep import FAR, RESOLUTION, clearances, contacts
 from cabslice.feasibility.trees import AXES, Bounds, bounds_of_beads, cable_gap, tree_of_beads
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -262,6 +262,23 @@ def test_every_cable_that_enters_the_bed_plate_meets_one_of_its_sides():
         met = contacts(moves, tree_of_beads(bed_edges(np.array([2 * half, 2 * half]))), robot, np.array([0.5]))
         assert bool(len(met.move)) is blocked
         assert (moves.items.move[met.move] > BED).all()
+
+
+@settings(max_examples=6, deadline=None)
+@given(SEEDS)
+def test_the_clearance_of_a_place_is_no_more_than_any_sampled_one(seed):
+    """Nor more than what the search of the whole path proves; nothing where a cable touches."""
+    robot, path, grow = random_job(seed, pulley=0.0)
+    moves, beads = part_trees(path, robot)
+    air = clearances(moves, beads, robot, np.full(robot.cables, grow), far=20.0)
+    met = contacts(moves, beads, robot, np.full(robot.cables, grow), stop=10**9, far=20.0)
+    assert air.min() == pytest.approx(met.margin, abs=1e-9)
+    assert not air[met.move].any()
+    for k in np.flatnonzero(air > 0)[:4]:
+        row, stage = moves.items.move[k], moves.items.stage[k]
+        laid = np.unique(beads.items.move[beads.items.stage <= stage])
+        least = min(sampled_distance(robot, path, row, cable, laid, rounds=3) for cable in range(robot.cables))
+        assert min(least - grow, 20.0) > air[k] - 1e-6
 
 
 def test_two_searches_give_the_same_columns():

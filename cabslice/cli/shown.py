@@ -15,7 +15,7 @@ from cabslice.cli.options import Machine, Placing
 from cabslice.cli.report import Tick
 from cabslice.errors import ModelError, ProductError, ProfileError, UsageError
 from cabslice.feasibility.findings import Finding
-from cabslice.view.scene import Scene, facts_of, of_grid, of_layers, of_mesh, of_path
+from cabslice.view.scene import LOW, Field, Scene, facts_of, of_grid, of_layers, of_mesh, of_path
 
 if TYPE_CHECKING:
     from cabslice.robot.model import Robot
@@ -89,7 +89,10 @@ def _product(path: Path, checked: bool, tick: Tick) -> Scene:
     if not checked:
         return scene
     verdict = pipeline.check(product, tick)
-    return replace(scene, findings=verdict.findings, notes=(*scene.notes, *verdict.checked))
+    air = pipeline.part_clearance(product, verdict)
+    if air is not None:
+        moves = replace(moves, fields=(*moves.fields, Field("clearance_mm", "air, cables to part", "mm", air, LOW)))
+    return replace(scene, moves=moves, findings=verdict.findings, notes=(*scene.notes, *verdict.checked))
 
 
 def _with(scene: Scene, numbers: Mapping[str, Any], **more: Any) -> Scene:

@@ -48,6 +48,7 @@ def _more(path: Path, checked: bool, jobs: int, tick: Tick) -> tuple[Robot | Non
     if not store.is_product(path):
         return _of_stream(path)
     from cabslice.toolpath.thumbnail import thumbnail
+    from cabslice.view.report import by_layer
 
     product = store.load(path)[1]
     assert isinstance(product, (store.Laid, store.Planned))
@@ -58,7 +59,11 @@ def _more(path: Path, checked: bool, jobs: int, tick: Tick) -> tuple[Robot | Non
         numbers = pipeline.numbers_of(store.Laid(product.origin, product.toolpath))
         more["cost"] = numbers["mass_g"] / 1e3 * price
     if checked:
-        more["verdict"] = pipeline.check(product, tick, jobs=jobs).as_dict()
+        verdict = pipeline.check(product, tick, jobs=jobs)
+        more["verdict"] = verdict.as_dict()
+        air = pipeline.part_clearance(product, verdict)
+        if air is not None:
+            more["part_clearance_by_layer"] = by_layer(product.toolpath.layer, air)
     return pipeline.robot_of(product), more, thumbnail(product.toolpath, *PICTURE)
 
 
@@ -101,4 +106,8 @@ def charts_of(answer: dict[str, Any], curve: Curve) -> list[tuple[str, str]]:
             values = np.array(answer["along"][key], float)
             places = np.array(answer["along"]["along"])
             found.append((title, charts.over_time(places, {key: values}, label, xlabel=over)))
+    if "part_clearance_by_layer" in answer:
+        row = {key: np.array(column, float) for key, column in answer["part_clearance_by_layer"].items()}
+        title = "air between cables and the part, layer by layer"
+        found.append((title, charts.over_time(row["layer"], {"air": row["least_mm"]}, "at least, mm", xlabel="layer")))
     return [(title, charts.svg(figure)) for title, figure in found]

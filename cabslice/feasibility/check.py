@@ -28,7 +28,7 @@ from cabslice.feasibility.obstacles import (
 from cabslice.feasibility.reasons import Job
 from cabslice.feasibility.shapes import head_and_part, shapes, without_shapes
 from cabslice.feasibility.survey import WIDTHS, Cells, Survey, explore, first_cells, first_failure
-from cabslice.feasibility.sweep import FAR, Contacts, contacts
+from cabslice.feasibility.sweep import AIR, FAR, Contacts, clearances, contacts
 from cabslice.feasibility.trees import Tree, tree_of_beads, tree_of_moves
 from cabslice.robot.model import Robot, nozzle_poses
 from cabslice.robot.tension import nearest_tension
@@ -75,6 +75,21 @@ def check(
         verdict = verdict.joined(_part(job, moves, beads, grow, far, tell))
     missing = without_shapes(robot)
     return verdict.joined(Verdict(missing)) if missing else verdict
+
+
+def part_clearance(toolpath: Toolpath, robot: Robot) -> Array:
+    """(N,) mm for each move: what the cables have left to the part printed so far, up to sweep.AIR; proven.
+
+    Of a path that `check` found over the bed, with every cable able to leave its pulley. Raises as check does.
+    """
+    _refuse(toolpath, robot, False)
+    stages = printing_stages(toolpath)
+    moves = tree_of_moves(moves_of(toolpath, stages), robot)
+    assert isinstance(moves.items, Moves)
+    found = np.full(len(toolpath.xyz), AIR)
+    each = clearances(moves, tree_of_beads(beads_of(toolpath, stages)), robot, grown(robot))
+    np.minimum.at(found, moves.items.move, each)
+    return found
 
 
 def _levelled(toolpath: Toolpath, stages: Array, robot: Robot) -> tuple[Tree, Tree] | None:

@@ -27,6 +27,8 @@ from cabslice.feasibility.trees import Bounds, Tree, bounds_of_beads, bounds_of_
 from cabslice.robot.model import Robot
 
 FAR = 3.0            # mm: margins are not looked for beyond this, where nothing else is asked for
+AIR = 30.0           # mm: the same where it is told place by place
+NEIGHBOURS = 4       # 2^4 leaves of moves are told one clearance
 RESOLUTION = 0.01    # mm
 BLOCK_LEVEL = 10     # moves are searched in blocks of 2^10 leaves
 PAIRS = 1 << 12      # pairs of nodes in one sweep
@@ -69,6 +71,20 @@ def contacts(
         if progress:
             progress(done, blocks)
     return search.result(int(moves.levels[size].last[done - 1]), done == blocks)
+
+
+def clearances(moves: Tree, beads: Tree, robot: Robot, grow: Array, *, far: float = AIR) -> Array:
+    """(M,) mm for each stretch of moves.items: what the cables of it and its neighbours have left to every bead laid
+    by then, proven; `far` where it is at least that, 0 for hits. Neighbours: a node of NEIGHBOURS levels."""
+    search = _Search(moves, beads, robot, grow, far)
+    size = min(NEIGHBOURS, len(moves.levels) - 1)
+    found = np.empty(len(search.paths))
+    for node in range(len(moves.levels[size].low)):
+        search.margin = far
+        search.block(size, node)
+        first, last = node << size, min((node + 1) << size, moves.leaves)
+        found[moves.starts[first]:moves.starts[last]] = search.margin
+    return found
 
 
 class _Search:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError, ModelError, UsageError
 from cabslice.feasibility.findings import Verdict
 from cabslice.mesh.part import Part
@@ -79,6 +80,15 @@ def check_path(
     whole = product if isinstance(product, Planned) else with_ends(product)
     more = {} if far is None else {"far": far}
     return check(whole.toolpath, robot, progress=partial(progress, "check"), bare=bare, **more)
+
+
+def part_clearance(product: Laid | Planned, verdict: Verdict) -> Array | None:
+    """(N,) mm for each move: what the cables have left to the part; None where the verdict could not look at it."""
+    from cabslice.feasibility.check import part_clearance
+
+    if {"bed", "pulley"} & {finding.code for finding in verdict.findings}:
+        return None
+    return part_clearance(product.toolpath, robot_of(product))
 
 
 def with_ends(product: Laid) -> Laid:

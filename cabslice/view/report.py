@@ -103,6 +103,14 @@ def _by_height(z: Array, gap: Array) -> dict[str, Any]:
     return {"clearance_by_height": rows}
 
 
+def by_layer(layer: Array, air: Array) -> dict[str, list[float]]:
+    """Layers in order, and the least `air` (N,) mm of the moves in each."""
+    layers, place = np.unique(layer, return_inverse=True)
+    least = np.full(len(layers), np.inf)
+    np.minimum.at(least, place, air)
+    return {"layer": layers.tolist(), "least_mm": least.tolist()}
+
+
 # ---- page
 
 def page(
