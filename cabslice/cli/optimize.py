@@ -191,7 +191,7 @@ def _draw(found: Any, output: str | None, png: str | None, overwrite: bool) -> N
     if png:
         from cabslice.view.volcano import save_volcano
 
-        title = f"{found.printer}: printable with the nozzle {found.nozzle_mm:g} mm below the platform's origin"
+        title = f"{found.printer}, nozzle {found.nozzle_mm:g} mm below the platform's origin"
         save_volcano(found.volcano.radius, found.volcano.height, found.bed_mm, png, title=title, overwrite=overwrite)
 
 

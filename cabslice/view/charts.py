@@ -137,16 +137,18 @@ def ballbar(angle: Array, radius: Array, nominal: float, *, title: str = "") -> 
 
 
 def height_map(x: Array, y: Array, height: Array, *, label: str = "height, mm", title: str = "",
-               base: float = 0.0) -> Any:
-    """Heights (X, Y) mm over nodes x (X,) and y (Y,) mm: the volcano of what can be printed; nan is left empty."""
+               base: float = 0.0, lines: bool = True) -> Any:
+    """Heights (X, Y) mm over nodes x (X,) and y (Y,) mm: the volcano of what can be printed; nan is left empty.
+
+    `lines` of equal height, where it is no staircase."""
     figure, axes = _figure(0.85, title)
     height = np.asarray(height, float)
     image = axes.pcolormesh(x, y, np.ma.masked_invalid(height).T, shading="nearest", cmap="viridis", rasterized=True,
                             vmin=base)
     known = np.where(np.isfinite(height), height, base)
-    if np.ptp(known) > 0 and min(known.shape) > 1:
-        lines = axes.contour(x, y, known.T, 6, colors="white", linewidths=0.6)
-        axes.clabel(lines, fontsize=7, fmt="%g")
+    if lines and np.ptp(known) > 0 and min(known.shape) > 1:
+        drawn = axes.contour(x, y, known.T, 6, colors="white", linewidths=0.6)
+        axes.clabel(drawn, fontsize=7, fmt="%g")
     axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
     axes.grid(visible=False)
     figure.colorbar(image, ax=axes, label=label, shrink=0.85)

@@ -68,12 +68,12 @@ def _sampled(trajectory: Trajectory, robot: Robot, times: Array) -> dict[str, Ar
     for start in range(0, len(times), BLOCK):
         found = sample(trajectory, times[start:start + BLOCK])
         speed, acceleration = (np.linalg.norm(rate[:, :3], axis=1) for rate in (found.rates, found.accels))
-        kept.append((speed, acceleration, _planned(robot, found)[1]))
+        kept.append((speed, acceleration, planned(robot, found)[1]))
     names = ("speed", "acceleration", "tension")
     return {name: np.concatenate(column) for name, column in zip(names, zip(*kept, strict=True), strict=True)}
 
 
-def _planned(robot: Robot, found: Samples) -> tuple[Array, Array]:
+def planned(robot: Robot, found: Samples) -> tuple[Array, Array]:
     """Cable lengths (K, m) mm and planned tensions (K, m) N of samples; the reference where there are none."""
     lines = kinematics.cables(robot, found.poses)
     matrix = wrench.wrench_matrix(robot, found.poses, masked=True, lines=lines)
@@ -137,7 +137,7 @@ def _angles(trajectory: Trajectory, robot: Robot, times: Array) -> Array:
     found = []
     for start in range(0, len(times), BLOCK):
         at = np.clip(times[start:start + BLOCK], 0.0, trajectory.duration)
-        found.append(winder.motor_angles(robot, *_planned(robot, sample(trajectory, at))))
+        found.append(winder.motor_angles(robot, *planned(robot, sample(trajectory, at))))
     return np.concatenate(found)
 
 

@@ -16,11 +16,10 @@ from cabslice.files import atomic
 from cabslice.motors.stream import Block, MotorStream
 from cabslice.robot.forward import forward
 from cabslice.robot.model import Robot, nozzle_poses
-from cabslice.robot.tension import nearest_tension
 from cabslice.robot.winder import pulley_lengths_of
-from cabslice.robot.wrench import required_wrench
 from cabslice.timing.trajectory import Trajectory, sample
 from cabslice.toolpath.path import Toolpath
+from cabslice.view.motion import planned
 
 COLOURS = "#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7"   # Okabe & Ito 2008
 POINTS = 40_000          # of a curve
@@ -62,10 +61,8 @@ def curve_of_motion(trajectory: Trajectory, robot: Robot, title: str) -> Curve:
     """The planned motion with the tensions it needs."""
     times = np.linspace(0.0, trajectory.duration, POINTS)
     found = sample(trajectory, times)
-    required = required_wrench(robot, found.poses, found.rates, found.accels)
-    tension = nearest_tension(robot, found.poses, required).tension
     speed = np.linalg.norm(found.rates[:, :3], axis=1)
-    return Curve(title, times, _nozzle(robot, found.poses), speed, tension, _bounds(robot))
+    return Curve(title, times, _nozzle(robot, found.poses), speed, planned(robot, found)[1], _bounds(robot))
 
 
 def curve_of_stream(stream: MotorStream, robot: Robot, title: str) -> Curve:
