@@ -113,7 +113,7 @@ def tried(placed: Placed, progress: Progress = silent, *, far: float | None = No
     box = pipeline.check_box(placed)
     if box is not None and not box.ok:
         return box
-    return pipeline.check_path(pipeline.to_path(placed, progress), progress, far=far)
+    return pipeline.freed(pipeline.to_path(placed, progress), progress, far=far)[1]
 
 
 def proven(model: Model, found: Sequence[Spot], progress: Progress, *, whole: bool) -> Placed | None:
@@ -285,8 +285,7 @@ def score(placed: Placed, goal: str, progress: Progress = silent) -> tuple[float
     box = pipeline.check_box(placed)
     if box is not None and not box.ok:
         return float("nan"), box
-    laid = pipeline.to_path(placed, progress)
-    verdict = pipeline.check_path(laid, progress, far=FAR)
+    laid, verdict = pipeline.freed(pipeline.to_path(placed, progress), progress, far=FAR)
     if not verdict.ok:
         return float("nan"), verdict
     if goal == "first-mode":

@@ -54,7 +54,7 @@ def export(
     content = summary("export", product, target.path) | {"numbers": found, "verdict": verdict.as_dict()}
     name = pipeline.profiles_of(planned.origin).printer.name
     talk.answer(
-        content, f"{name} can make {planned.origin.part}: check and audit found nothing against it.",
+        content, f"{name} can make {planned.origin.part}: check and audit found nothing against it.", *verdict.changed,
         "" if playing.extrude else "dry run: nothing is fed, heated or blown",
         tables.number_table(found), tables.cable_table(found), target.wrote,
         *([f"next: cabslice start {target.path}"] if target.path != "-" else []),

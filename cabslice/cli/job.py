@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from cabslice.store import Product
 
 
-OF_GCODE = {"corner_mm", "pause_layers", "filament_change_layers", "max_flow_mm3_s", "density_g_cm3", "price_per_kg"}
+OF_GCODE = {
+    "corner_mm", "pause_layers", "filament_change_layers", "reroute_travels", "max_flow_mm3_s", "density_g_cm3",
+    "price_per_kg",
+}
 
 
 def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning: bool = False) -> Placed | Product:

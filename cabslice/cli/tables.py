@@ -69,7 +69,7 @@ def checked_lines(verdict: Any) -> str:
     margins = [f"  smallest margin {key}: {words.get(key, '')}{value:.4g}" for key, value in verdict.margins.items()
                if key not in shares]
     margins += [f"  largest share used of {key.removesuffix('_share')}: {value:.4g}" for key, value in shares.items()]
-    return "\n".join(["checked:", *(f"  {sentence}" for sentence in verdict.checked), *margins])
+    return "\n".join([*verdict.changed, "checked:", *(f"  {sentence}" for sentence in verdict.checked), *margins])
 
 
 def share_table(title: str, shares: Mapping[str, float]) -> Table:

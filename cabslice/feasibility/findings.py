@@ -24,6 +24,7 @@ class Finding:
     sentence: str                          # names layer, mm, cable, value, limit
     help: str = ""                         # what would help
     free_mm: float | None = None           # what is printed below this height does not meet it
+    travel: bool = False                   # only moves without a bead are meant
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -37,6 +38,7 @@ class Verdict:
     findings: tuple[Finding, ...] = ()
     margins: Mapping[str, float] = field(default_factory=dict)   # smallest margin of each check; unit in the key
     capped: tuple[str, ...] = ()           # margins that were not looked for any further: at least what is told
+    changed: tuple[str, ...] = ()          # sentences: what of the path was changed so that it can be made
 
     def __post_init__(self) -> None:
         if not self.checked:
@@ -49,7 +51,7 @@ class Verdict:
     def joined(self, other: Verdict) -> Verdict:
         return Verdict(
             self.checked + other.checked, self.findings + other.findings, {**self.margins, **other.margins},
-            self.capped + other.capped,
+            self.capped + other.capped, self.changed + other.changed,
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -59,4 +61,5 @@ class Verdict:
             "findings": [finding.as_dict() for finding in self.findings],
             "margins": dict(self.margins),
             "margins_at_least": list(self.capped),
+            "changed": list(self.changed),
         }

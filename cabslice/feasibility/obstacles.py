@@ -142,12 +142,16 @@ def moving(toolpath: Toolpath) -> Array:
 
 # ---- plan views
 
-def forbidden_region(beads: Obstacles, exits: Array, offset: Array, nozzle_z: float, grow: float) -> Any:
+def forbidden_region(
+    beads: Obstacles, exits: Array, offset: Array, nozzle_z: float, grow: float,
+    window: tuple[Array, Array] | None = None,
+) -> Any:
     """Nozzle positions (shapely, plan, mm) at height nozzle_z from which a cable comes within `grow` of a bead.
 
     exits (3,): A, taken as fixed; offset (3,): d, attachment minus nozzle. The affine images of the beads' sections,
     over all heights from `grow` below to `grow` above each bead. Conservative: the bead is grown by a cylinder instead
-    of a ball, and discs by the polygons drawn around them.
+    of a ball, and discs by the polygons drawn around them. window: two corners (2,) of a box in plan; what does not
+    reach into it is left out.
     """
     import shapely
 
@@ -160,6 +164,13 @@ def forbidden_region(beads: Obstacles, exits: Array, offset: Array, nozzle_z: fl
     ends = np.stack((beads.first[rows], beads.last[rows]))
     images = exits[:2] + (ends - exits[:2]) / share[:, None, :, None] - offset[:2]
     radii = (beads.half[rows] + grow) / share
+    if window is not None:
+        reach = (radii / np.cos(np.pi / CORNERS))[:, None, :, None]
+        low, high = (images - reach).min(axis=(0, 1)), (images + reach).max(axis=(0, 1))
+        near = np.flatnonzero(((low < window[1]) & (high > window[0])).all(axis=1))
+        images, radii, rows = images[:, :, near], radii[:, near], rows[near]
+        if not len(rows):
+            return shapely.Polygon()
     corners = images[..., None, :] + radii[:, None, :, None, None] * _around()
     cloud = corners.transpose(2, 0, 1, 3, 4).reshape(len(rows), -1, 2)
     return shapely.union_all(shapely.convex_hull(shapely.linestrings(cloud)))

@@ -39,6 +39,10 @@ class Job:
     def layer(self, move: int) -> int:
         return int(self.toolpath.layer[self.moves.move[move]])
 
+    def travels(self, rows: Array) -> bool:
+        """Whether all of these rows of the toolpath only move the nozzle."""
+        return bool(((self.toolpath.role[rows] == Role.TRAVEL) & (self.toolpath.filament[rows] == 0)).all())
+
 
 def place_of(layer: int, xyz: Array) -> str:
     return f"layer {layer} ({xyz[2]:.4g} mm)"
@@ -241,15 +245,16 @@ def _contact(
     state = f"comes within {value:.2f} mm of {what}" if value > 0 else f"cuts {-value:.2f} mm into {what}"
     if value == 0:
         state = f"meets {what}"
-    blocked = len(np.unique(moves.move[contacts.move[rows]]))
+    blocked, travel = len(np.unique(moves.move[contacts.move[rows]])), job.travels(moves.move[contacts.move[rows]])
     sentence = (
         f"{place_of(layer, xyz)}: cable {cable + 1} {state} (limit {limit:.2f} mm) {_at(xyz)}; "
-        f"{blocked} moves in layers {layers.min()} to {layers.max()} are blocked by it."
+        f"{blocked} {'travels' if travel else 'moves'} in layers {layers.min()} to {layers.max()} are blocked by it."
     )
     advice = _advice(job, beads, int(moves.stage[contacts.move[rows[0]]]), first, xyz, cable, code)
     if len(roles) and (roles == Role.SKIRT).all():
         advice = "Only the skirt is in its way, not the part: leave it out (-s skirt_loops=0) or bring it nearer."
-    return Finding(code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice, _free(job, first))
+    return Finding(
+        code, layer, _triple(xyz), cable + 1, value, limit, "mm", sentence, advice, _free(job, first), travel)
 
 
 def _free(job: Job, layer: int) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -138,25 +138,41 @@ def _reach(corners: Array, ends: Array, height: float) -> Array:
 
 def first_met(moves: Tree, beads: Tree, widths: Widths) -> tuple[int, int] | None:
     """Leaves of moves and beads of the first stage in which the body is not proven apart from what was laid before."""
+    best: list[tuple[int, int, int]] = []                    # stage, move, bead: each of an earlier stage
+    for move, bead in _meetings(moves, beads, widths, best):
+        stages = moves.items.stage[move]
+        at = int(stages.argmin())
+        if not best or stages[at] < best[-1][0]:
+            best.append((int(stages[at]), int(move[at]), int(bead[at])))
+    return best[-1][1:] if best else None
+
+
+def all_met(moves: Tree, beads: Tree, widths: Widths) -> Array:
+    """Rows of the moves in which the body is not proven apart from what was laid in stages before."""
+    found = [move for move, _ in _meetings(moves, beads, widths, [])]
+    return np.unique(np.concatenate([np.zeros(0, int), *found]))
+
+
+def _meetings(
+    moves: Tree, beads: Tree, widths: Widths, known: Sequence[tuple[int, int, int]]
+) -> Iterator[tuple[Array, Array]]:
+    """Pairs of stretches and beads that are not proven apart, some at a time; only in stages before the last known."""
     level, other = len(moves.levels) - 1, len(beads.levels) - 1
     stack = [(level, other, np.zeros(1, int), np.zeros(1, int))]
-    best: tuple[int, int, int] | None = None
     while stack:
         level, other, move, bead = stack.pop()
         if len(move) > PAIRS:
             stack.append((level, other, move[PAIRS:], bead[PAIRS:]))
             move, bead = move[:PAIRS], bead[:PAIRS]
         rows = _near(moves.levels[level].take(move), beads.levels[other].take(bead), widths)
-        rows = rows if best is None else rows[moves.levels[level].first[move[rows]] < best[0]]
+        rows = rows[moves.levels[level].first[move[rows]] < known[-1][0]] if known else rows
         move, bead = move[rows], bead[rows]
         if not len(move):
             continue
         if level == other == 0:
             move, bead = _confronted(moves, beads, move, bead, widths)
             if len(move):
-                stages = moves.items.stage[move]
-                at = int(stages.argmin())
-                best = (int(stages[at]), int(move[at]), int(bead[at])) if best is None or stages[at] < best[0] else best
+                yield move, bead
             continue
         if level >= other:
             level -= 1
@@ -165,7 +181,6 @@ def first_met(moves: Tree, beads: Tree, widths: Widths) -> tuple[int, int] | Non
             other -= 1
             bead, move = _halved(bead, move, len(beads.levels[other].low))
         stack.append((level, other, move, bead))
-    return None if best is None else (best[1], best[2])
 
 
 def _confronted(moves: Tree, beads: Tree, home: Array, leaf: Array, widths: Widths) -> tuple[Array, Array]:
@@ -208,4 +223,5 @@ def _met(job: Job, moves: Tree, beads: Tree, body: Body, move: int, bead: int) -
         f"{place_of(layer, xyz)}: the {body.name} comes to what is printed there up to {height:.4g} mm, {value:.2f} mm "
         f"above its lower end, near x {xyz[0]:.1f} y {xyz[1]:.1f} mm.",
         "Print objects together layer by layer, farther apart, or the tall one last; or lift the nozzle in travels.",
+        travel=job.travels(paths.move[[move]]),
     )

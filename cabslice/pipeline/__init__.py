@@ -55,6 +55,7 @@ from cabslice.pipeline.stages import (
     check_box,
     check_path,
     compared,
+    freed,
     part_clearance,
     passed,
     planned,
@@ -71,8 +72,8 @@ from cabslice.pipeline.stages import (
 __all__ = [
     "GCODE", "Foreign", "Placed", "Placement", "Profiles", "Progress", "active_limits", "as_json", "at_speed",
     "audited", "check", "check_box", "check_path", "circle", "compared", "converted", "encoders", "for_printer",
-    "load_profiles", "matched", "numbers_of", "origin_of", "part_clearance", "passed", "period_of", "placement_of",
-    "planned", "profile_names", "profiles_of", "proven", "read", "read_gcode", "refuse_format", "robot_of",
-    "save_gcode", "save_stream", "silent", "stream_header", "stream_of", "taken_up", "to_layers",
+    "freed", "load_profiles", "matched", "numbers_of", "origin_of", "part_clearance", "passed", "period_of",
+    "placement_of", "planned", "profile_names", "profiles_of", "proven", "read", "read_gcode", "refuse_format",
+    "robot_of", "save_gcode", "save_stream", "silent", "stream_header", "stream_of", "taken_up", "to_layers",
     "to_path", "to_plan", "to_stream", "trial", "with_ends",
 ]

@@ -62,8 +62,35 @@ def to_path(product: Placed | Product, progress: Progress = silent, *, jobs: int
 
 def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
     """Can this robot follow this path, from home and back? Of a plan also: does the motion keep every limit?"""
-    verdict = check_path(product, progress)
-    return verdict.joined(audited(product, progress, jobs=jobs)) if isinstance(product, Planned) else verdict
+    if isinstance(product, Planned):
+        return check_path(product, progress).joined(audited(product, progress, jobs=jobs))
+    return freed(product, progress)[1]
+
+
+def freed(product: Laid, progress: Progress = silent, *, far: float | None = None) -> tuple[Laid, Verdict]:
+    """The path as it can be followed, with the verdict on it: where nothing but travels is in the way of cables or
+    platform (and process.reroute_travels), these are led around what stands."""
+    from cabslice.feasibility import reroute
+    from cabslice.feasibility.check import grown
+
+    verdict = check_path(product, progress, far=far)
+    if verdict.ok or not reroute.only_travels(verdict.findings):
+        return product, verdict
+    if not profiles_of(product.origin).process.reroute_travels:
+        return product, verdict
+    whole, robot = with_ends(product), _kept_clear(product)
+    found = reroute.reroute(whole.toolpath, robot, grown(robot))
+    if found is None:
+        return product, verdict
+    other = Laid(product.origin, found.toolpath)
+    return other, replace(check_path(other, progress, far=far), changed=(found.sentence,))
+
+
+def _kept_clear(product: Laid | Planned) -> Robot:
+    """The robot as it is checked: the motion may leave the path by the corner tolerance, and takes the ends of the
+    cables with it."""
+    robot = robot_of(product)
+    return replace(robot, clearance=robot.clearance + profiles_of(product.origin).process.corner_mm)
 
 
 def check_path(
@@ -74,9 +101,7 @@ def check_path(
     from cabslice.toolpath.checks import check_toolpath
 
     check_toolpath(product.toolpath)
-    robot, corner = robot_of(product), profiles_of(product.origin).process.corner_mm
-    # the motion may leave the path by the corner tolerance, and takes the ends of the cables with it
-    robot = replace(robot, clearance=robot.clearance + corner)
+    robot = _kept_clear(product)
     whole = product if isinstance(product, Planned) else with_ends(product)
     more = {} if far is None else {"far": far}
     return check(whole.toolpath, robot, progress=partial(progress, "check"), bare=bare, **more)
@@ -132,8 +157,12 @@ def to_plan(
         laid = Laid(product.origin, product.toolpath)
     else:
         laid = to_path(product, progress, jobs=jobs)
-    laid, shown = (laid, laid) if from_layer is None else taken_up(laid, from_layer)
-    verdict = passed(check_path(shown, progress))
+    if from_layer is None or not isinstance(product, Planned):
+        laid, verdict = freed(laid, progress)
+    if from_layer is not None:
+        laid, shown = taken_up(laid, from_layer)
+        verdict = check_path(shown, progress)
+    verdict = passed(verdict)
     plan, proof = proven(laid, progress, engine=engine, jobs=jobs)
     return plan, verdict.joined(passed(proof))
 

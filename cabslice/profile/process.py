@@ -133,6 +133,10 @@ class Process(Table):
         default=0.05, gt=0, le=5,
         description="how far the nozzle may leave the toolpath where corners are rounded",
     )
+    reroute_travels: bool = Field(
+        default=True,
+        description="travels in which a cable or the platform would meet the print are led around it, or lifted",
+    )
     pause_layers: list[LayerNumber] = Field(
         default=[], max_length=1000, description="layers before which the print pauses, counted from 0",
     )
