@@ -82,6 +82,9 @@ def beside(given, printed: float) -> None:
     """The baselines, audited as the plan was."""
     for row in baseline.compared(printed, *given, jobs=2):
         print(f"  {tables.compared_line(row)}")
+    toolpath, robot, printer, material, _ = given
+    bound = baseline.unhindered(toolpath, robot, printer, material)
+    print(f"  the feeds alone, no limit on acceleration: {bound:.0f} s, {bound / printed:.3f} x this plan")
     trajectory = retime.plan(*given, jobs=2)
     for name, share in explain.time_by_limit(trajectory, *given).items():
         print(f"  {100 * share:5.1f} %  {name}")

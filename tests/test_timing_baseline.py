@@ -9,7 +9,7 @@ from robots import cabfab_optim
 from timing_cases import MATERIAL, PRINTER, PROCESS, polyline, print_like
 
 from cabslice.timing.audit import audit
-from cabslice.timing.baseline import compared, firmware, look_ahead, safe_acceleration
+from cabslice.timing.baseline import compared, firmware, look_ahead, safe_acceleration, unhindered
 from cabslice.timing.explain import time_by_limit
 from cabslice.timing.limits import limits_of
 from cabslice.timing.retime import plan
@@ -63,8 +63,8 @@ def test_the_safe_acceleration_is_borne_everywhere_over_the_bed_and_no_larger_on
     from cabslice.robot.usable import usable
     from cabslice.robot.wrench import required_wrench
 
-    most = safe_acceleration(ROBOT, limits_of(PRINTER, MATERIAL))
-    rng, robot = np.random.default_rng(0), usable(ROBOT)
+    robot = replace(usable(ROBOT), winders=None)
+    most, rng = safe_acceleration(robot, limits_of(PRINTER, MATERIAL)), np.random.default_rng(0)
     xyz = np.array([[x, y, z] for x in (-220, 0, 220) for y in (-220, 0, 220) for z in (0, 220, 440)], float)
     xyz = np.concatenate((xyz, rng.uniform([-220, -220, 0], [220, 220, 440], (60, 3))))
     poses = nozzle_poses(robot, xyz)
@@ -81,6 +81,36 @@ def test_the_safe_acceleration_is_borne_everywhere_over_the_bed_and_no_larger_on
     assert not held[1.04]
 
 
+def test_the_safe_acceleration_steps_without_a_motor_running_too_fast_and_a_greater_one_does_not():
+    """Straight lines from rest to rest, so short that they turn from a0 to -a0 at the machine's speed."""
+    most = safe_acceleration(ROBOT, limits_of(PRINTER, MATERIAL))
+    used = []
+    for acceleration in (most, 1.3 * most):
+        line = 150.0**2 / acceleration
+        turns = [line * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in np.arange(8) * np.pi / 8]
+        middles = [np.array([x, y, z]) for x in (-200, 0, 200) for y in (-200, 0, 200) for z in (0.2, 430)]
+        points = np.array([middle + end * half for middle in middles for end in turns for half in (-0.5, 0.5)])
+        path = polyline(points=points, pieces=len(points) - 1, speed=150.0)
+        given = replace(path, filament=np.zeros(len(points))), ROBOT, capped(acceleration), MATERIAL, PROCESS
+        verdict = audit(firmware(*given).trajectory, *given)
+        used.append(verdict.margins["motor_speed_share"])
+        assert verdict.margins["motor_torque_share"] < 1
+    assert used[0] <= 1 < used[1]
+
+
+def test_right_angles_are_turned_as_klipper_turns_them():
+    bend = polyline(points=[[0, 0, 1], [40, 0, 1], [40, 40, 1]], pieces=1, speed=100.0)
+    assert made(bend, right_angle_mm_s=5.0).step == pytest.approx(5 * np.sqrt(2))
+
+
+def test_no_plan_is_faster_than_the_speeds_asked_for():
+    line = polyline(points=[[0, 0, 1], [30, 40, 1]], pieces=1, speed=100.0)
+    assert unhindered(line, ROBOT, PRINTER, MATERIAL) == pytest.approx(0.5)
+    toolpath = print_like(0)
+    given = toolpath, ROBOT, capped(4000.0), MATERIAL
+    assert unhindered(*given) < plan(*given, PROCESS).duration
+
+
 def test_the_baseline_is_the_whole_print_and_breaks_what_the_plan_keeps():
     toolpath = print_like(0)
     given = toolpath, ROBOT, capped(4000.0), MATERIAL, PROCESS
@@ -92,9 +122,11 @@ def test_the_baseline_is_the_whole_print_and_breaks_what_the_plan_keeps():
     assert {"acceleration", "motor-speed"} <= codes <= {"acceleration", "motor-speed", "motor-torque", "tension"}
     assert audit(firmware(*given, safe=True).trajectory, *given).ok
     ours = plan(*given).duration
-    quick, safe = compared(ours, *given)
+    quick, shipped, safe = compared(ours, *given)
     assert set(quick["broken"]) == codes
     assert quick["broken"]["acceleration"] > 2
+    assert set(shipped["broken"]) <= codes
+    assert quick["duration_s"] < shipped["duration_s"] < safe["duration_s"]
     assert safe["broken"] == {}
     assert safe["times_ours"] == pytest.approx(safe["duration_s"] / ours)
     assert safe["times_ours"] > 1.15                     # what both plans keep by the same audit
@@ -120,8 +152,9 @@ def test_plan_says_what_it_is_held_back_by_and_what_firmware_would_take(tmp_path
     code, found = answered(capsys, "plan", write_box(tmp_path / "box.stl"), *NAMED, *SETS, "--compare")
     assert code == 0
     assert sum(found["numbers"]["time_share_by_limit"].values()) == pytest.approx(1.0)
-    quick, safe = found["compared"]
+    quick, shipped, safe = found["compared"]
     assert quick["broken"]["acceleration"] > 1
+    assert shipped["corner_step_mm_s"] < quick["corner_step_mm_s"]
     assert safe["times_ours"] == pytest.approx(safe["duration_s"] / found["numbers"]["duration_s"])
     assert run("plan", "box.stl", *NAMED, *SETS, "--compare", "--overwrite") == 0
     said = capsys.readouterr().out

@@ -50,13 +50,18 @@ def usable(robot: Robot) -> Robot:
 def take_up(robot: Robot, poses: Array) -> Array:
     """(K, m) mm of cable per mm/s^2 of platform acceleration in the level direction that asks most of each cable: what
     the cables stretch more there, by the balancing tensions of least change. poses (K, 6)."""
+    return np.asarray(np.linalg.norm(stretch(robot, poses), axis=2))
+
+
+def stretch(robot: Robot, poses: Array) -> Array:
+    """(K, m, 2) mm that each cable stretches more per mm/s^2 of platform acceleration in x and in y. poses (K, 6)."""
     lines = cables(robot, poses)
     inverse = np.linalg.pinv(wrench_matrix(robot, poses, masked=True, lines=lines))     # (K, m, n)
     force = np.zeros((2, 6))
     force[:, :2] = np.eye(2) * robot.mass * NEWTON
     force[:, 3:] = np.cross(robot.centre_of_mass, force[:, :3])
-    pull = np.linalg.norm(inverse @ force[:, robot.freedoms].T, axis=2)
-    if robot.winders is None:
-        return pull * lines.length / robot.axial_stiffness
-    line = line_to_pulley(robot, robot.winders.radii.max(axis=1)[None]) / robot.winders.advantage
-    return pull * (lines.length + line) / robot.axial_stiffness
+    length = lines.length
+    if robot.winders is not None:
+        line = line_to_pulley(robot, robot.winders.radii.max(axis=1)[None])
+        length = length + line / robot.winders.advantage
+    return np.asarray(inverse @ force[:, robot.freedoms].T * (length / robot.axial_stiffness)[..., None])

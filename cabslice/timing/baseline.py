@@ -1,12 +1,14 @@
 """What printer firmware does, to compare with: trapezoids at one acceleration that is safe everywhere over the bed.
 
 Legend
-    a0      the largest acceleration, in any level direction, that no cable forbids anywhere in the printable volume
-    d       junction deviation, the corner tolerance: v^2 = a0 d sin / (1 - sin) of half the inner angle (Jeon 2011)
-    T       step of the audit, s
+    a0      the largest acceleration, in any level direction, that no cable and no motor forbids anywhere in the
+            printable volume; it steps, so motors take up what the cables stretch between -a0 and a0 within T
+    d       junction deviation: v^2 = a0 d sin / (1 - sin) of half the inner angle (Jeon 2011)
+    T       what the audit takes central differences over: two of its steps, s
 
-Two of them: one turns its corners by junction deviation whatever step of velocity that is; the other halves a0 between
-ramps and corners (a step of velocity is an acceleration within T), so that the sum of both is safe everywhere.
+Three of them. Two turn their corners by junction deviation whatever step of velocity that is: d the corner tolerance,
+and what Klipper takes as it is shipped, v = 5 mm/s in a right angle (square_corner_velocity). The last halves a0
+between ramps and corners (a step of velocity is an acceleration within T / 2): the sum of both is safe everywhere.
 """
 
 from __future__ import annotations
@@ -17,16 +19,25 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.robot.kinematics import jacobian
 from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.usable import stretch
 from cabslice.timing.audit import STEP_S, audit
 from cabslice.timing.layers import dwells, paced
-from cabslice.timing.limits import RESERVE, Limits, Nodes, limits_of, speed_limit, tension
+from cabslice.timing.limits import RESERVE, Limits, Nodes, limits_of, speed_limit, tension, winding_caps
 from cabslice.timing.path import Path, smooth
 from cabslice.timing.trajectory import Trajectory, times_between
 from cabslice.toolpath.path import Toolpath
 
 HALF = 0.5 * (1 - 1e-6)
 ACROSS, UP = 13, 6      # places across the bed, and heights up to the bed's smaller side
+DIRECTIONS = 24         # level, over half a turn
+KLIPPER = 5.0           # mm/s in right angles
+BASELINES: dict[str, dict[str, Any]] = {
+    "one safe acceleration, corners by junction deviation": {},
+    "one safe acceleration, corners as Klipper is shipped": {"right_angle_mm_s": KLIPPER},
+    "one safe acceleration and corner step": {"safe": True},
+}
 
 
 @dataclass(frozen=True)
@@ -50,19 +61,31 @@ def safe_acceleration(robot: Robot, limits: Limits) -> float:
     slope = np.hypot(blocks[0][0], blocks[1][0])
     room = np.maximum(np.minimum(blocks[0][3], -blocks[0][2]), 0.0) * (1 - RESERVE)
     most = (room / np.maximum(slope, 1e-300)).min()
-    return float(min(most, limits.acceleration))
+    return float(min(most, _steps_taken_up(robot, limits, poses), limits.acceleration))
+
+
+def _steps_taken_up(robot: Robot, limits: Limits, poses: Array) -> float:
+    """mm/s^2: a step from as much forwards to as much backwards, at the machine's speed, is taken up within T."""
+    turns = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    along = np.stack((np.cos(turns), np.sin(turns)))
+    fastest = winding_caps(robot)[1][:, None]
+    running = np.abs(jacobian(robot, poses)[:, :, :2] @ along) * limits.speed
+    return float((np.maximum(fastest - running, 0.0) / np.abs(stretch(robot, poses) @ along)).min() * STEP_S)
 
 
 def firmware(
-    toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, *, safe: bool = False
+    toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, *, safe: bool = False,
+    right_angle_mm_s: float | None = None,
 ) -> Baseline:
-    """The print at one acceleration that is safe everywhere; `safe`: its corners too, not its ramps alone."""
+    """The print at one acceleration that is safe everywhere; `safe`: its corners too, not its ramps alone. Corners by
+    the corner tolerance, or so that right angles are turned at right_angle_mm_s."""
     limits = limits_of(printer, material)
     accel, path = safe_acceleration(robot, limits) * (HALF if safe else 1.0), smooth(toolpath, 1e-9)
     path = replace(path, half=np.zeros(len(path.half)))
     top, still = speed_limit(toolpath, path, limits), ~path.direction.any(axis=1)
     each = np.where(still, limits.feed_acceleration, accel)
-    corner = _corners(path, toolpath, accel, process.corner_mm, top)
+    deviation = right_angle_mm_s**2 * (np.sqrt(2) - 1) / accel if right_angle_mm_s else process.corner_mm
+    corner = _corners(path, toolpath, accel, deviation, top)
     if safe:
         corner = np.minimum(corner, accel * STEP_S / np.maximum(path.turn, 1e-12))
     corner[toolpath.starts - 1] = 0.0
@@ -119,11 +142,11 @@ def _trajectory(
 def compared(
     duration_s: float, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, *, jobs: int = 1
 ) -> list[dict[str, Any]]:
-    """Both baselines beside a plan of duration_s: acceleration, largest step in a corner, time, time over that of the
+    """The baselines beside a plan of duration_s: acceleration, largest step in a corner, time, time over that of the
     plan, and what the audit of the plan finds in them: share of the limit by code."""
     given, rows = (toolpath, robot, printer, material, process), []
-    for name, safe in (("one safe acceleration", False), ("one safe acceleration and corner step", True)):
-        found = firmware(*given, safe=safe)
+    for name, options in BASELINES.items():
+        found = firmware(*given, **options)
         verdict = audit(found.trajectory, *given, jobs=jobs)
         rows.append({
             "name": name, "acceleration_mm_s2": found.acceleration, "corner_step_mm_s": found.step,
@@ -132,3 +155,12 @@ def compared(
                        for finding in verdict.findings},
         })
     return rows
+
+
+def unhindered(toolpath: Toolpath, robot: Robot, printer: Any, material: Any) -> float:
+    """s the print takes at the speeds asked for, melt flow and filament speed kept, were acceleration free: no plan
+    is faster on this toolpath."""
+    path = smooth(toolpath, 1e-9)
+    rows = np.flatnonzero(path.length > 0)
+    speed = speed_limit(toolpath, path, limits_of(printer, material))[rows]
+    return float((path.length[rows] / speed).sum() + dwells(toolpath).sum())
