@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cabslice.cli import options
+from cabslice.cli.profile_names import checked_name, kind_of, target
 from cabslice.cli.report import Table, Talk
 from cabslice.errors import ProfileError, UsageError
 
@@ -39,7 +40,6 @@ def import_(
     profile says behind each value which line it is from; what the files do not say is assumed, and marked so. Exit
     code 3 where a file is wrong, with its line and what was expected.
     """
-    from cabslice.cli.profile import checked_name, target
     from cabslice.files import atomic
 
     if to == "-" and talk.json:
@@ -66,7 +66,6 @@ def import_(
 
 
 def _settings(file: Path, name: str | None, to: str | None, overwrite: bool, talk: Talk) -> None:
-    from cabslice.cli.profile import target
     from cabslice.files import atomic
     from cabslice.profile.slicers import read_settings
 
@@ -121,7 +120,6 @@ def _imported(paths: list[Path], name: str | None, cable_set: str | None) -> Imp
 @options.talk
 def export(ref: str, format_: str, sets: tuple[str, ...], to: str | None, overwrite: bool, talk: Talk) -> None:
     """Write a printer as another program wants it. Exit code 3, with every reason, where that has no words for it."""
-    from cabslice.cli.profile import target
     from cabslice.files import atomic
     from cabslice.profile import shelf
     from cabslice.profile.reprap_lines import write_config
@@ -146,7 +144,6 @@ def export(ref: str, format_: str, sets: tuple[str, ...], to: str | None, overwr
 @options.talk
 def diff(first: str, second: str, kind: str | None, talk: Talk) -> None:
     """Two profiles beside each other: every key that differs, after inheritance. Exit code 0 either way."""
-    from cabslice.cli.profile import kind_of
     from cabslice.profile import shelf
     from cabslice.profile.compare import differences
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cabslice.errors import ProfileError, UsageError
 from cabslice.profile import shelf
@@ -17,7 +17,6 @@ from cabslice.store import Laid, Origin, Product, Sliced
 
 if TYPE_CHECKING:
     from cabslice.motors.start import Lead
-    from cabslice.pipeline.inputs import Placed
 
 
 @dataclass(frozen=True)
@@ -25,6 +24,13 @@ class Profiles:
     printer: Printer
     material: Material
     process: Process
+
+
+class Made(Protocol):
+    """A part or a product: whatever says what it is made of and with."""
+
+    @property
+    def origin(self) -> Origin: ...
 
 
 def load_profiles(printer: str, material: str | None, process: str | None, sets: Sequence[str] = ()) -> Profiles:
@@ -90,7 +96,7 @@ def period_of(product: Product) -> float:
     return profiles_of(product.origin).printer.stream.period_ms / 1e3
 
 
-def robot_of(product: Placed | Product) -> Robot:
+def robot_of(product: Made) -> Robot:
     """The robot as it may be used: no tension above what its motors hold."""
     return usable(robot_from_printer(profiles_of(product.origin).printer))
 

@@ -18,7 +18,7 @@ from cabslice.slicing.flow import bead_spacing
 from cabslice.slicing.infill import even_lines, fixed_lines
 from cabslice.slicing.layer import Layer, Polygons, Role
 from cabslice.slicing.region import Region, difference, from_rings, offset, union
-from cabslice.slicing.support import Standing
+from cabslice.slicing.standing import Standing
 
 LINK = 1.5       # distances of support lines, along the edge of support, up to which they are linked
 HOLD = 0.15      # bead widths by which support lines reach into the loop around them

@@ -29,7 +29,7 @@ from cabslice.slicing.region import (
     union,
 )
 from cabslice.slicing.sections import Solid
-from cabslice.slicing.support import Nearby, Standing, clearances, from_above, outlines_of, room_for
+from cabslice.slicing.standing import Nearby, Standing, clearances, from_above, outlines_of, room_for
 
 CHORD = 0.03       # mm: how far the sides of a branch, a polygon, are from its circle
 EDGE = 1e-3        # mm: how far outside of what it avoids a branch is put
