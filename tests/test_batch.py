@@ -170,6 +170,40 @@ def test_every_part_for_every_printer_and_what_is_impossible(tmp_path, capsys):
     assert "none.stl" in told["jobs"][3]["sentence"]
 
 
+def test_copies_and_blockers_of_a_row_are_those_of_export(tmp_path, capsys):
+    """The same bytes; another mesh makes another job; what only a part can have is refused for G-code."""
+    folder = parts_of(tmp_path / "parts", boxes=1, broken=0, size=(3.0, 3.0, 0.4))[0].parent
+    more = ["skirt_loops=0", "support.kind=straight"]
+    write_box(folder / "mesh.stl", (1.0, 1.0, 0.4))
+    (folder / "jobs.toml").write_text(f"""
+        [defaults]
+        printers = ["cabfab-optim"]
+        set = {json.dumps([*COARSE, *more])}
+        [[job]]
+        part = "box000.stl"
+        name = "two"
+        copies = 2
+        gap_mm = 4
+        [[job]]
+        part = "box000.stl"
+        name = "kept"
+        support_blockers = ["mesh.stl"]
+    """)
+    assert answered(capsys, "batch", folder / "jobs.toml", "-o", tmp_path / "out", "-j", 1)[0] == 0
+    sets = [*SETS, *(word for one in more for word in ("-s", one))]
+    for name, words in (("two", ("--copies", 2, "--gap", 4)), ("kept", ("--support-blocker", folder / "mesh.stl"))):
+        alone = tmp_path / f"{name}.stream"
+        assert run("export", folder / "box000.stl", *PRINTER, *sets, *words, "-o", alone, "-q") == 0
+        assert alone.read_bytes() == (tmp_path / "out" / f"{name}.stream").read_bytes()
+    wanted = asked.of_file(folder / "jobs.toml")[1]
+    before = asked.ready(wanted).key
+    write_box(folder / "mesh.stl", (1.0, 2.0, 0.4))
+    assert asked.ready(wanted).key != before
+    (folder / "a.gcode").write_text("G1 X1")
+    with pytest.raises(UsageError, match=r"a\.gcode is G-code: copies is for a part"):
+        asked.ready(replace(wanted, part=str(folder / "a.gcode"), row=asked.Row(copies=2)))
+
+
 @pytest.mark.parametrize(("text", "wanted"), [
     ("[[job]]\npart = 'a.stl'\nprinter = 'x'\n", "line 3): unknown key; did you mean printers?"),
     ("[[job]]\nscale = -1\n", "job.part"),

@@ -29,6 +29,10 @@ Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
 
+PLACING = ("unit", "scale", "turn_deg", "at_mm", "copies", "gap_mm", "sequence",
+           "support_blockers", "support_enforcers")
+
+
 class Row(BaseModel):
     """A table of a jobs.toml; also what the options of the command line say for every part."""
 
@@ -42,6 +46,11 @@ class Row(BaseModel):
     scale: float = Field(default=1.0, gt=0)
     turn_deg: Triple = (0.0, 0.0, 0.0)
     at_mm: Pair | None = None
+    copies: int = Field(default=1, ge=1, le=10_000, description="of the part, on one bed")
+    gap_mm: float | None = Field(default=None, ge=0, description="air between copies, as --gap")
+    sequence: Literal["layers", "objects"] = "layers"
+    support_blockers: tuple[str, ...] = Field(default=(), description="meshes, as --support-blocker")
+    support_enforcers: tuple[str, ...] = Field(default=(), description="meshes, as --support-enforcer")
     format: str = "stream"
     period_ms: float | None = Field(default=None, ge=0.25, le=50)
 
@@ -72,14 +81,16 @@ class Job:
     placement: Placement
     format: str
     period_ms: float | None
+    blockers: tuple[str, ...] = ()
+    enforcers: tuple[str, ...] = ()
+    meshes: tuple[str, ...] = ()            # sha256 of blockers and enforcers
     version: str = __version__
 
     @property
     def key(self) -> str:
         """Two jobs with the same key give the same record and the same bytes."""
-        placing = [self.placement.unit, self.placement.scale, self.placement.turn_deg, self.placement.at_mm]
-        told = [self.name, Path(self.part).name, self.sha256, self.profiles, placing, self.format, self.period_ms,
-                self.version]
+        told = [self.name, Path(self.part).name, self.sha256, self.profiles, list(vars(self.placement).values()),
+                len(self.blockers), self.meshes, self.format, self.period_ms, self.version]
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
 
@@ -134,6 +145,8 @@ def _beside(row: Row, path: Path) -> Row:
     return row.model_copy(update={
         "printers": tuple(map(file, row.printers)), "material": row.material and file(row.material),
         "process": row.process and file(row.process),
+        "support_blockers": tuple(str(path.parent / mesh) for mesh in row.support_blockers),
+        "support_enforcers": tuple(str(path.parent / mesh) for mesh in row.support_enforcers),
     })
 
 
@@ -172,15 +185,31 @@ def ready(wanted: Wanted, known: dict[Any, Profiles] | None = None) -> Job:
     """Read the profiles and hash the part; `known` remembers profiles. Raises what is wrong with them."""
     row, path = wanted.row, Path(wanted.part)
     name_for(wanted.name, row.format)
-    try:
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ModelError(f"{path.name} cannot be read: {error.strerror}.", file=path.name) from error
+    sha256 = _hash(path)
+    _refuse_placing(path, row)
     known = {} if known is None else known
     profiles = _of_product(path, wanted) if store.is_product(path) else _profiles(wanted, known)
     texts = [model.model_dump_json(by_alias=True) for model in (profiles.printer, profiles.material, profiles.process)]
-    placement = Placement(row.unit, row.scale, row.turn_deg, row.at_mm)
-    return Job(wanted.name, wanted.part, sha256, (texts[0], texts[1], texts[2]), placement, row.format, row.period_ms)
+    placement = Placement(
+        row.unit, row.scale, row.turn_deg, row.at_mm, copies=row.copies, gap_mm=row.gap_mm, sequence=row.sequence)
+    meshes = tuple(_hash(Path(mesh)) for mesh in (*row.support_blockers, *row.support_enforcers))
+    return Job(wanted.name, wanted.part, sha256, (texts[0], texts[1], texts[2]), placement, row.format, row.period_ms,
+               row.support_blockers, row.support_enforcers, meshes)
+
+
+def _hash(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ModelError(f"{path.name} cannot be read: {error.strerror}.", file=path.name) from error
+
+
+def _refuse_placing(path: Path, row: Row) -> None:
+    """G-code lies where it lies."""
+    if path.suffix.lower() in pipeline.GCODE:
+        given = [key for key in PLACING if getattr(row, key) != getattr(Row(), key)]
+        if given:
+            raise UsageError(f"{path.name} is G-code: {given[0]} is for a part; slice it again.")
 
 
 def _profiles(wanted: Wanted, known: dict[Any, Profiles]) -> Profiles:

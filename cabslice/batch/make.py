@@ -72,7 +72,7 @@ def begin(job: Job) -> Placed | Product:
         return pipeline.for_printer(product, profiles.printer)
     if Path(job.part).suffix.lower() in pipeline.GCODE:
         return pipeline.read_gcode(job.part, profiles)
-    return pipeline.read(job.part, profiles, job.placement)
+    return pipeline.read(job.part, profiles, job.placement, blockers=job.blockers, enforcers=job.enforcers)
 
 
 def _profiles(job: Job) -> Profiles:
