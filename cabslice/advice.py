@@ -319,7 +319,7 @@ class Sizes:
 
 def sizes(profiles: Profiles, step: float, progress: Progress = silent) -> Sizes:
     """Tallest cylinders by radius and the largest cube, in the middle of the bed."""
-    robot = robot_from_printer(profiles.printer)
+    robot = pipeline.robot_for(profiles.printer)
     assert robot.bed_size is not None
     assert robot.nozzle is not None
     keep = robot.cable_radii + robot.clearance + profiles.process.corner_mm

@@ -44,6 +44,7 @@ from cabslice.pipeline.profiles import (
     placement_of,
     profile_names,
     profiles_of,
+    robot_for,
     robot_of,
 )
 from cabslice.pipeline.stages import (
@@ -74,6 +75,6 @@ __all__ = [
     "audited", "check", "check_box", "check_path", "circle", "compared", "converted", "encoders", "for_printer",
     "freed", "load_profiles", "matched", "numbers_of", "origin_of", "part_clearance", "passed", "period_of",
     "placement_of", "planned", "profile_names", "profiles_of", "proven", "read", "read_gcode", "refuse_format",
-    "robot_of", "save_gcode", "save_stream", "silent", "stream_header", "stream_of", "taken_up", "to_layers",
-    "to_path", "to_plan", "to_stream", "trial", "with_ends",
+    "robot_for", "robot_of", "save_gcode", "save_stream", "silent", "stream_header", "stream_of", "taken_up",
+    "to_layers", "to_path", "to_plan", "to_stream", "trial", "with_ends",
 ]

@@ -14,9 +14,9 @@ from cabslice.feasibility.findings import Verdict
 from cabslice.files import STDOUT, atomic
 from cabslice.pipeline.headers import stream_header
 from cabslice.pipeline.inputs import origin_of
-from cabslice.pipeline.profiles import Profiles, encoders, lead_of, profile_names, profiles_of
+from cabslice.pipeline.profiles import Profiles, encoders, lead_of, profile_names, profiles_of, robot_for
 from cabslice.pipeline.stages import Progress, check_path, passed, proven, silent, stream_of
-from cabslice.robot.model import Robot, robot_from_printer
+from cabslice.robot.model import Robot
 from cabslice.store import Laid, Planned
 from cabslice.view import numbers
 
@@ -40,7 +40,7 @@ def trial(profiles: Profiles) -> tuple[Robot, dict[str, Any], float, Lead]:
     """What a motion that tries a machine needs: the robot, the header of its file, the period, the tensioning."""
     origin = origin_of("trial", "", profiles)
     header = {"profiles": profile_names(origin), "printer": json.loads(origin.printer), **encoders(origin)}
-    return robot_from_printer(profiles.printer), header, profiles.printer.stream.period_ms / 1e3, lead_of(origin)
+    return robot_for(profiles.printer), header, profiles.printer.stream.period_ms / 1e3, lead_of(origin)
 
 
 def circle(
@@ -50,7 +50,7 @@ def circle(
     from cabslice.motors import trial as motions
 
     assert profiles.printer.extruder is not None
-    path = motions.circle(robot_from_printer(profiles.printer), radius=radius, speed=speed, height=height,
+    path = motions.circle(robot_for(profiles.printer), radius=radius, speed=speed, height=height,
                           filament_mm=profiles.printer.extruder.filament_diameter_mm)
     laid = Laid(origin_of("circle", hashlib.sha256(path.xyz.tobytes()).hexdigest(), profiles), path)
     verdict = passed(check_path(laid, progress, bare=True))

@@ -97,8 +97,13 @@ def period_of(product: Product) -> float:
 
 
 def robot_of(product: Made) -> Robot:
+    """The robot of its printer; see robot_for."""
+    return robot_for(profiles_of(product.origin).printer)
+
+
+def robot_for(printer: Printer) -> Robot:
     """The robot as it may be used: no tension above what its motors hold."""
-    return usable(robot_from_printer(profiles_of(product.origin).printer))
+    return usable(robot_from_printer(printer))
 
 
 def placement_of(origin: Origin) -> dict[str, Any]:
