@@ -13,18 +13,19 @@ Legend
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.feasibility.exits import exit_drift, lines_at
+from cabslice.feasibility.exits import exit_drift, lines_at, tip_shift, turned_by
 from cabslice.feasibility.survey import Judge
 from cabslice.robot.model import Robot
 
 SECTIONS = 48        # of the golden section along a cable: to 1e-9 of its length
 GOLDEN = (np.sqrt(5) - 1) / 2
 ALIKE = 1e-9
+TURNS = 9            # ways a platform is turned along each axis, of which hulls are made
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Body:
     normals: Array       # (F, 3)
     offsets: Array       # (F,) mm
     edges: Array         # (E, 3) unit vectors, each direction once
+    pad: float = 0.0     # mm by which the body is larger on all sides
 
 
 def body_of(name: str, corners: Array) -> Body:
@@ -53,8 +55,28 @@ def body_of(name: str, corners: Array) -> Body:
 
 
 def moving_bodies(robot: Robot) -> list[Body]:
-    """What hangs on the cables, seen from the nozzle tip."""
+    """What hangs on the cables, seen from the nozzle tip of a level platform."""
     return [body_of(name, corners - robot.nozzle) for name, corners in robot.bodies]
+
+
+def swept_bodies(robot: Robot, low: Array, high: Array) -> list[Body]:
+    """What hangs on the cables, seen from the nozzle tip, in every way the platform is turned with the nozzle in a box
+    (corners (3,)): hulls of it turned in many of them, padded by what it can move between two of these."""
+    bodies = moving_bodies(robot)
+    if robot.turning is None or not bodies:
+        return bodies
+    knots = [np.unique(np.clip(np.linspace(a, b, TURNS if len(row) > 1 else 1), a, b)) for a, b, row in zip(
+        low, high, (robot.turning.x, robot.turning.y, robot.turning.z), strict=True)]
+    places = np.stack([column.ravel() for column in np.meshgrid(*knots, indexing="ij")], axis=1)
+    half = np.array([np.diff(row).max(initial=0.0) / 2 if len(row) > 1 else 0.0 for row in knots])
+    between = robot.turning.change(places - half, places, places + half).max()
+    turns = np.unique(np.round(robot.turning.matrices(places), 12), axis=0)
+    found = []
+    for body in bodies:
+        corners = np.einsum("kij,vj->kvi", turns, body.corners).reshape(-1, 3)
+        reach = float(np.linalg.norm(body.corners, axis=1).max())
+        found.append(replace(body_of(body.name, corners), pad=float(between) * reach + ALIKE))
+    return found
 
 
 def standing_bodies(robot: Robot) -> list[Body]:
@@ -69,18 +91,25 @@ def cables_and(robot: Robot, bodies: list[Body], grow: Array, *, moving: bool) -
     bodies move with the nozzle, from the pulley where they stand.
     """
 
+    turning = robot.turning
+
     def judge(places: Array, radii: Array) -> tuple[Array, Array]:
         lines = lines_at(robot, places)
         shift = places[:, None] if moving else np.zeros((1, 1, 3))
         near, far = (lines.tip, lines.exit) if moving else (lines.exit, lines.tip)
         near, far = near - robot.bed_origin - shift, far - robot.bed_origin - shift
+        moved = tip_shift(robot, places, radii) + exit_drift(robot, places, radii)
+        if moving and turning is not None:
+            back = turning.matrices(places)                    # R: times a row, its transposed
+            near, far = near @ back, far @ back
+            seen = np.linalg.norm(far, axis=2) + radii[:, None]
+            moved = moved + turned_by(robot, places, radii[:, None])[:, None] * seen
         way = far - near
         length = np.linalg.norm(way, axis=2)
         start = near + np.minimum(robot.body_free / np.maximum(length, 1e-9), 1.0)[..., None] * way
         gaps = [least_along(start, far, body) - grow for body in bodies]
         excess = np.concatenate(gaps, axis=1)
-        moved = np.tile(radii[:, None] + exit_drift(robot, places, radii), len(bodies))
-        return excess, excess - moved
+        return excess, excess - np.tile(moved, len(bodies))
 
     return judge
 
@@ -103,9 +132,10 @@ def least_along(start: Array, end: Array, body: Body) -> Array:
 def shifted_apart(moving: list[Body], standing: list[Body]) -> Judge:
     """Columns (moving times standing): the largest gap along an axis, mm; negative: they overlap."""
     tables = [_axes(one, other) for one in moving for other in standing]
+    pads = np.array([one.pad + other.pad for one in moving for other in standing])
 
     def judge(places: Array, radii: Array) -> tuple[Array, Array]:
-        excess = np.stack([(places @ axes.T + gaps).max(axis=1) for axes, gaps in tables], axis=1)
+        excess = np.stack([(places @ axes.T + gaps).max(axis=1) for axes, gaps in tables], axis=1) - pads
         return excess, excess - radii[:, None]
 
     return judge

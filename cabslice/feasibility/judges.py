@@ -9,6 +9,9 @@ Legend
     G        sum of t_i [H_i ; c_i x H_i]: (W - W') t = G dq + remainder, for W' at a shift dq
     g_i      (1 + |c_i|^2/L^2)^1/2, L the size of the platform: moments are divided by it
 
+Turning.  Where the platform turns by up to w in the ball (exits.turned_by), attachment i moves by up to R + w |d_i|,
+and two of them to each other by w |c_j - c_i|; below R stands for the first and the second is taken off.
+
 Two cables.  Attachments shift together, so along n their distance does not change at all; gap' >= the least of
 n.(b_j - b_i), n.(A_j - A_i) - drift_i - drift_j, n.(b_j - A_i) - R - drift_i, n.(A_j - b_i) - R - drift_j.
 Where both nearest points lie inside the cables, at shares s_i and s_j of the way A to b, n turns with them: n' = n + m,
@@ -19,7 +22,8 @@ d (1 - |m|^2) + n' . v, v = (s_j - s_i) dq + (1 - s_j) dA_j - (1 - s_i) dA_i, so
 Tension.  Let t balance at the place with slack s_i to its bounds, P = W^+, e = (W - W') t. Then t + P y with
 y = (1 + (W' - W) P)^-1 e balances at the shifted place, and with k = |W' - W| |P| < 1
 |P y|_i <= |(P G)_i| R + |P| (remainder + k/(1 - k) |e|).  Where that is below s_i for all cables, a feasible tension
-exists in the whole ball.  |remainder| <= c/2 lambda^2 R^2 sum t_i g_i, with c = 2/3^(1/2) for eyelets (second
+exists in the whole ball; a turn of the platform adds to e what levers, attachments and the weight's moment change by.
+|remainder| <= c/2 lambda^2 R^2 sum t_i g_i, with c = 2/3^(1/2) for eyelets (second
 derivative of a unit vector) and c = 7 + d/l for pulleys (angles of the swivel and in its plane, each with gradient and
 curvature).
 """
@@ -29,10 +33,10 @@ from __future__ import annotations
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.feasibility.exits import exit_drift, lines_at, offsets, pulley_distances
+from cabslice.feasibility.exits import exit_drift, hung, lines_at, pulley_distances, tip_shift, turned_by
 from cabslice.feasibility.survey import Judge
 from cabslice.robot.clearance import closest, share_an_end
-from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.model import NEWTON, Robot, nozzle_poses
 from cabslice.robot.nullspace import subsets
 from cabslice.robot.pulley import CableLines, hessian
 from cabslice.robot.reach import margins
@@ -51,7 +55,7 @@ def pulleys(robot: Robot) -> Judge:
         swivel = np.where(robot.pulley_radii > 0, rho - robot.pulley_radii, np.inf)
         excess = np.concatenate((swivel, d - robot.pulley_radii), axis=1)
         excess = np.where(excess > 0, excess, np.minimum(excess, -1e-9))
-        return excess, excess - radii[:, None]
+        return excess, excess - np.tile(tip_shift(robot, places, radii), 2)
 
     return judge
 
@@ -63,12 +67,12 @@ def ends_over_bed(robot: Robot, grow: Array) -> Judge:
 
     def judge(places: Array, radii: Array) -> tuple[Array, Array]:
         exits = lines_at(robot, places).exit - robot.bed_origin
-        ends = np.concatenate((exits, places[:, None] + offsets(robot)), axis=1)
+        ends = np.concatenate((exits, places[:, None] + hung(robot, places)), axis=1)
         out = np.concatenate((np.abs(ends[..., :2]) - half, ends[..., 2:]), axis=2)
         inside = np.minimum(out.max(axis=2), 0.0)
         excess = np.linalg.norm(np.maximum(out, 0.0), axis=2) + inside - np.tile(grow, 2)
-        moved = np.broadcast_to(radii[:, None], (len(radii), robot.cables))
-        return excess, excess - np.concatenate((exit_drift(robot, places, radii), moved), axis=1)
+        moved = exit_drift(robot, places, radii), tip_shift(robot, places, radii)
+        return excess, excess - np.concatenate(moved, axis=1)
 
     return judge
 
@@ -88,6 +92,7 @@ def cable_pairs(robot: Robot) -> Judge:
     """Columns (P): distance of the cables of each judged pair less its limit, mm."""
     chosen, limits = ~share_an_end(robot), pair_limits(robot)
     one, other = judged_pairs(robot).T
+    between = np.linalg.norm(robot.attachments[other] - robot.attachments[one], axis=1)
 
     def judge(places: Array, radii: Array) -> tuple[Array, Array]:
         lines = lines_at(robot, places)
@@ -97,30 +102,32 @@ def cable_pairs(robot: Robot) -> Judge:
         lines_of = tips[0] - exits[0], tips[1] - exits[1]
         n = exits[1] + t[..., None] * lines_of[1] - exits[0] - s[..., None] * lines_of[0]
         n /= np.maximum(distance, 1e-12)[..., None]
-        drift, r = exit_drift(robot, places, radii), radii[:, None]
-        drifts = drift[:, one], drift[:, other]
+        drift, shift = exit_drift(robot, places, radii), tip_shift(robot, places, radii)
+        drifts, shifts = (drift[:, one], drift[:, other]), (shift[:, one], shift[:, other])
         proven = np.minimum.reduce((
-            _along(n, tips[1] - tips[0]),
+            _along(n, tips[1] - tips[0]) - turned_by(robot, places, radii[:, None])[:, None] * between,
             _along(n, exits[1] - exits[0]) - drifts[0] - drifts[1],
-            _along(n, tips[1] - exits[0]) - drifts[0] - r,
-            _along(n, exits[1] - tips[0]) - drifts[1] - r,
+            _along(n, tips[1] - exits[0]) - drifts[0] - shifts[1],
+            _along(n, exits[1] - tips[0]) - drifts[1] - shifts[0],
         ))
         inside = (s > 0) & (s < 1) & (t > 0) & (t < 1)
-        turning = np.where(inside, _turned_gap(distance, s, t, lines_of, drifts, r), -np.inf)
+        turning = np.where(inside, _turned_gap(distance, s, t, lines_of, drifts, shifts, radii[:, None]), -np.inf)
         return distance - limits, np.minimum(np.maximum(proven, turning), distance) - limits
 
     return judge
 
 
 def _turned_gap(
-    distance: Array, s: Array, t: Array, ways: tuple[Array, Array], drifts: tuple[Array, Array], radius: Array
+    distance: Array, s: Array, t: Array, ways: tuple[Array, Array], drifts: tuple[Array, Array],
+    shifts: tuple[Array, Array], radius: Array,
 ) -> Array:
     """Proven distance (K, P) mm of cables that are nearest inside both, with the direction between them turning."""
     a, c, b = _along(ways[0], ways[0]), _along(ways[1], ways[1]), _along(ways[0], ways[1])
     smaller = np.sqrt(np.maximum((a + c) / 2 - np.hypot((a - c) / 2, b), 0.0))
-    moved = np.hypot(radius + drifts[0], radius + drifts[1])
+    moved = np.hypot(shifts[0] + drifts[0], shifts[1] + drifts[1])
     m = moved / np.maximum(smaller - moved, 1e-9)
     shift = np.abs(t - s) * radius + (1 - s) * drifts[0] + (1 - t) * drifts[1]
+    shift = shift + s * (shifts[0] - radius) + t * (shifts[1] - radius)
     return np.where(m < 1, distance * np.sqrt(np.maximum(1 - m**2, 0.0)) - shift, -np.inf)
 
 
@@ -150,7 +157,7 @@ def _tension_change(
     robot: Robot, places: Array, radii: Array, lines: CableLines, rows: Array, wrench: Array, tension: Array
 ) -> Array:
     """(K, m) N: by how much the tension that balances can differ within the balls; inf where nothing is proven."""
-    lever = np.linalg.norm(robot.attachments, axis=1)
+    lever, angle = np.linalg.norm(robot.attachments, axis=1), turned_by(robot, places, radii[:, None])
     size = max(float(np.sqrt((lever**2).mean())), 1.0)
     scale = np.repeat([1.0, 1.0 / size], 3)[robot.freedoms]
     inverse = np.linalg.pinv(wrench * scale[:, None])
@@ -159,20 +166,25 @@ def _tension_change(
     turn = skew(lines.lever[rows]) @ pull
     change = np.concatenate((pull, turn), axis=2).sum(axis=1)[:, robot.freedoms] * scale[:, None]
     slopes = np.linalg.norm(inverse @ change, axis=2)
-    bend, curve = _turning(robot, places, radii)
+    shift = tip_shift(robot, places, radii)
+    bend, curve = _turning(robot, places, shift)
     weights = np.hypot(1.0, lever / size)
-    moved = radii * (tension * weights * bend).sum(axis=1)
-    rest = radii**2 / 2 * (tension * weights * curve).sum(axis=1)
-    k = radii * np.sqrt(((weights * bend) ** 2).sum(axis=1)) * norm
+    turned, aside = angle[:, None] * lever / size, shift - radii[:, None]
+    moved = (tension * (weights * bend * shift + turned)).sum(axis=1)
+    rest = (tension * (weights * (curve * shift**2 / 2 + bend * aside) + turned)).sum(axis=1)
+    weight = robot.mass * NEWTON * np.linalg.norm(robot.gravity) * np.linalg.norm(robot.centre_of_mass) / size
+    moved, rest = moved + weight * angle, rest + weight * angle
+    k = np.sqrt(((weights * bend * shift + turned) ** 2).sum(axis=1)) * norm
     with np.errstate(divide="ignore"):
         more = np.where(k < 1, norm * (rest + k / np.maximum(1 - k, 0.0) * moved), np.inf)
     return slopes * radii[:, None] + more[:, None]
 
 
-def _turning(robot: Robot, places: Array, radii: Array) -> tuple[Array, Array]:
-    """Bounds (K, m) of the first and second derivative of the unit vectors in the balls, 1/mm and 1/mm^2."""
+def _turning(robot: Robot, places: Array, shift: Array) -> tuple[Array, Array]:
+    """Bounds (K, m) of the first and second derivative of the unit vectors, 1/mm and 1/mm^2, where attachments move
+    by up to shift (K, m) mm."""
     r = robot.pulley_radii
-    rho, d = np.maximum(np.stack(pulley_distances(robot, places)) - radii[:, None], 1e-9)
+    rho, d = np.maximum(np.stack(pulley_distances(robot, places)) - shift, 1e-9)
     free = np.sqrt(np.maximum(d**2 - r * r, 1e-18))
     shortest = np.where(r > 0, np.minimum(free, rho), free)
     return 1 / shortest, np.where(r > 0, 7 + d / free, 2 / np.sqrt(3)) / shortest**2

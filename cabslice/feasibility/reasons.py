@@ -9,7 +9,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.distance import PRECISION, sweep_gap
-from cabslice.feasibility.exits import exit_points, lines_at, offsets
+from cabslice.feasibility.exits import exit_points, hung, lines_at
 from cabslice.feasibility.findings import Finding
 from cabslice.feasibility.judges import judged_pairs, pair_limits
 from cabslice.feasibility.judges import tensions as judge_tensions
@@ -283,7 +283,7 @@ def _advice(job: Job, beads: Obstacles, stage: int, first: int, xyz: Array, cabl
 def _nearest_place(robot: Robot, move: Moves, bead: Obstacles, cable: int) -> Array:
     """Where on a move (one row) the cable is nearest to the bead."""
     xyz = move.start + ALONG[:, None] * (move.end - move.start)
-    tips, exits = xyz + offsets(robot)[cable], exit_points(robot, xyz)[:, cable]
+    tips, exits = xyz + hung(robot, xyz)[:, cable], exit_points(robot, xyz)[:, cable]
     gap, _ = sweep_gap(exits, tips, tips, bead.take(np.zeros(len(xyz), int)), np.full(len(xyz), np.inf))
     return xyz[gap.argmin()]
 
@@ -297,7 +297,7 @@ class _Views:
     def depth(self, robot: Robot, moves: Moves, beads: Obstacles, cable: int) -> Array:
         """How far inside the plan view of the stage of its bead (row by row) a cable runs, mm."""
         middle = (moves.start + moves.end) / 2
-        tips, exits = middle + offsets(robot)[cable], exit_points(robot, middle)[:, cable]
+        tips, exits = middle + hung(robot, middle)[:, cable], exit_points(robot, middle)[:, cable]
         rise = tips[:, 2] - exits[:, 2]
         share = ((beads.low + beads.top) / 2 - exits[:, 2]) / np.where(rise == 0, 1.0, rise)
         crossing = exits + np.clip(share, 0.0, 1.0)[:, None] * (tips - exits)

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.feasibility.bodies import Body, moving_bodies
-from cabslice.feasibility.exits import exits_of, offsets
+from cabslice.feasibility.bodies import Body, swept_bodies
+from cabslice.feasibility.exits import exits_of, hung
 from cabslice.feasibility.obstacles import (
     LENGTH,
     Moves,
@@ -30,10 +30,11 @@ from cabslice.feasibility.obstacles import (
     beads_of,
     cut_lines,
     forbidden_region,
+    moves_of,
     moving,
     printing_stages,
 )
-from cabslice.feasibility.shapes import TIP, Widths, all_met
+from cabslice.feasibility.shapes import TIP, Widths, all_met, reached
 from cabslice.feasibility.sweep import contacts
 from cabslice.feasibility.trees import AXES, Tree, bounds_of_beads, tree_of_beads, tree_of_moves
 from cabslice.robot.model import Robot
@@ -138,7 +139,7 @@ class _Judge:
             flat = replace(toolpath, xyz=_sloping(toolpath.xyz, -robot.bed_slope))
             self.level = tree_of_beads(beads_of(flat, stages))
         tip = Body(TIP, np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
-        self.bodies = [Widths(body) for body in (tip, *moving_bodies(robot))]
+        self.bodies = [Widths(body) for body in (tip, *swept_bodies(robot, *reached(moves_of(toolpath, stages))))]
 
     def blocked(self, ways: Sequence[Array], stages: Sequence[int]) -> Array:
         """(K,) bool of ways (n, 3) mm, over a level bed, taken in these stages."""
@@ -171,7 +172,7 @@ class _Judge:
         exits, drift = exits_of(self.robot, corners[:1], corners[1:])
         regions = [
             forbidden_region(beads, exits[0, i], offset, height, float(self.grow[i] + share * drift[0, i]), window)
-            for i, offset in enumerate(offsets(self.robot))
+            for i, offset in enumerate(hung(self.robot, corners.mean(axis=0)[None])[0])
         ]
         earlier = self._until(self.beads, stage - 1)
         regions += [_under(earlier, body, height, window) for body in self.bodies]

@@ -7,7 +7,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.feasibility.bodies import Body, cables_and, moving_bodies, plate, shifted_apart, standing_bodies
+from cabslice.feasibility.bodies import (
+    Body,
+    cables_and,
+    moving_bodies,
+    plate,
+    shifted_apart,
+    standing_bodies,
+    swept_bodies,
+)
 from cabslice.feasibility.findings import Finding, Verdict
 from cabslice.feasibility.obstacles import Moves, Obstacles
 from cabslice.feasibility.reasons import Job, place_of
@@ -43,11 +51,17 @@ def shapes(job: Job, cells: Cells, grow: Array) -> Verdict:
             verdict = _with(verdict, job, explore(cells, judge, cap=FAR), bodies, code)
     if moving:
         others = [plate(robot.bed_size, THICK), *standing]
+        moving = swept_bodies(robot, *reached(job.moves))
         survey = explore(cells, shifted_apart(moving, others), cap=FAR)
         pairs = [(one, other) for one in moving for other in others]
         ones, against = zip(*pairs, strict=True)
         verdict = _with(verdict, job, survey, ones, "platform-frame", against)
     return verdict
+
+
+def reached(moves: Moves) -> tuple[Array, Array]:
+    """Corners (3,) mm of the box of all places of the nozzle."""
+    return np.minimum(moves.start, moves.end).min(axis=0), np.maximum(moves.start, moves.end).max(axis=0)
 
 
 def without_shapes(robot: Robot) -> tuple[str, ...]:
@@ -94,7 +108,7 @@ def head_and_part(job: Job, moves: Tree, beads: Tree, level: tuple[Tree, Tree] |
     """
     tip = Body(TIP, np.zeros((1, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
     found: list[Finding] = []
-    bodies = [tip, *moving_bodies(job.robot)]
+    bodies = [tip, *swept_bodies(job.robot, *reached(job.moves))]
     for body in bodies:
         trees = level if level and body is tip else (moves, beads)
         pair = first_met(*trees, Widths(body))
@@ -110,9 +124,9 @@ class Widths:
 
     def __init__(self, body: Body) -> None:
         low, high = body.corners[:, 2].min(), body.corners[:, 2].max()
-        self.low, self.heights = float(low), np.linspace(low, high, LEVELS)
-        ends = _edges(body.corners)
-        self.reach = np.stack([_reach(body.corners, ends, height) for height in self.heights])
+        ends, heights = _edges(body.corners), np.linspace(low, high, LEVELS)
+        self.reach = np.stack([_reach(body.corners, ends, height) for height in heights]) + body.pad
+        self.low, self.heights = float(low) - body.pad, heights - body.pad
 
     def below(self, height: Array) -> Array:
         """(K, 2 AXES): greatest x . axis, and greatest -x . axis, of what is not above a height (K,) over the tip."""

@@ -3,6 +3,7 @@
 Legend
     grow     cable radius + clearance, mm: what a cable's centre line must stay farther than from every bead
     drift    how far the exit point of a cable can be from the one at the middle of a move, mm (exits.exit_drift)
+    spread   the same of its attachment seen from the nozzle, where the platform turns; the larger of the two counts
     margin   distance - grow, mm; the least one is found by branch and bound: pairs of nodes that are proven to be
              farther apart than grow plus the least margin met so far are discarded
     hit      a move during which a cable comes within grow of something laid before or in the same stage
@@ -21,7 +22,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.distance import PRECISION, sweep_gap
-from cabslice.feasibility.exits import Exits, exits_of, offsets
+from cabslice.feasibility.exits import Ends, Exits, ends_of, offsets
 from cabslice.feasibility.obstacles import Moves, Obstacles
 from cabslice.feasibility.trees import Bounds, Tree, bounds_of_beads, bounds_of_moves, cable_gap, members
 from cabslice.robot.model import Robot
@@ -35,7 +36,7 @@ PAIRS = 1 << 12      # pairs of nodes in one sweep
 MEETINGS = 1 << 8    # pairs of leaves in one sweep
 ROUNDING = 1e-9      # mm
 
-_Halves = tuple[Array, Array, Array, tuple[Array, Array]]     # pair, start, end, (exit point, drift)
+_Halves = tuple[Array, Array, Array, Ends]     # pair, start, end, ends of the cable
 
 
 @dataclass(frozen=True)
@@ -129,12 +130,20 @@ class _Search:
         move, bead, cable = move[rows], bead[rows], cable[rows]
         low, high = self.moves.exits[move_level]
         reach = self.reach(cable)
+        hung, spread = self.hung(move_level, move, cable)
         gap = cable_gap(
-            bounds.take(move), low[move, cable], high[move, cable], self.offsets[cable], others.take(bead), reach
+            bounds.take(move), low[move, cable], high[move, cable], hung, others.take(bead), reach, spread
         )
         rows = np.flatnonzero(gap <= reach + ROUNDING)
         rows = rows[np.argsort(gap[rows], kind="stable")]
         return move[rows], bead[rows], cable[rows], gap[rows]
+
+    def hung(self, level: int, node: Array, cable: Array) -> tuple[Array, Array | None]:
+        """Attachments seen from the nozzle (K, 3), and by how much (K, 3) they differ in nodes of the moves."""
+        if not self.moves.hung:
+            return self.offsets[cable], None
+        low, high = (corner[node, cable] for corner in self.moves.hung[level])
+        return (low + high) / 2, (high - low) / 2
 
     def split(
         self, move_level: int, bead_level: int, move: Array, bead: Array, cable: Array
@@ -168,9 +177,10 @@ class _Search:
     def apart(self, move: Array, cable: Array, bounds: Bounds) -> Array:
         """Rows of stretches that are not proven to be clear of what has these bounds, less those known as hits."""
         reach = self.reach(cable)
-        exits, drift = self.exits.of(move, cable)
-        low, high = exits - drift[:, None], exits + drift[:, None]
-        gap = cable_gap(bounds_of_moves(self.paths.take(move)), low, high, self.offsets[cable], bounds, reach)
+        ends = self.exits.of(move, cable)
+        low, high = ends.exits - ends.drift[:, None], ends.exits + ends.drift[:, None]
+        spread = None if ends.spread is None else np.broadcast_to(ends.spread[:, None], low.shape)
+        gap = cable_gap(bounds_of_moves(self.paths.take(move)), low, high, ends.hung, bounds, reach, spread)
         return np.flatnonzero((gap <= reach + ROUNDING) & ~self.hit[move, cable])
 
     def settle(self, move: Array, bead: Array, cable: Array) -> None:
@@ -189,8 +199,8 @@ class _Search:
         hit, gap = np.zeros(len(move), bool), np.full(len(move), np.inf)
         stack = [(np.arange(len(move)), self.paths.start[move], self.paths.end[move], self.exits.of(move, cable))]
         while stack:
-            owner, start, end, (exits, drift) = stack.pop()
-            sure, open_, apart = self.judge(start, end, bead[owner], cable[owner], exits, drift)
+            owner, start, end, ends = stack.pop()
+            sure, open_, apart = self.judge(start, end, bead[owner], cable[owner], ends)
             hit[owner[sure]] = True
             np.minimum.at(gap, owner[~open_], apart[~open_])
             rows = np.flatnonzero(open_ & ~hit[owner])
@@ -198,26 +208,23 @@ class _Search:
                 stack.append(self.halves(owner, start, end, cable, rows[i:i + PAIRS]))
         return hit, gap
 
-    def judge(
-        self, start: Array, end: Array, bead: Array, cable: Array, exits: Array, drift: Array
-    ) -> tuple[Array, Array, Array]:
+    def judge(self, start: Array, end: Array, bead: Array, cable: Array, ends: Ends) -> tuple[Array, Array, Array]:
         """Straight lines (K, 3) against beads: surely hit; undecided; proven distance (K,) mm."""
-        grow, offset = self.grow[cable], self.offsets[cable]
-        gap, _ = sweep_gap(exits, start + offset, end + offset, self.laid.take(bead), grow + self.margin + drift)
-        loose = drift + np.abs(end[:, 2] - start[:, 2])
+        grow, off = self.grow[cable], ends.loose
+        tips = start + ends.hung, end + ends.hung
+        gap, _ = sweep_gap(ends.exits, *tips, self.laid.take(bead), grow + self.margin + off)
+        loose = off + np.abs(end[:, 2] - start[:, 2])
         sure = gap + loose + PRECISION <= grow
-        gap = np.maximum(gap - drift, 0.0)
+        gap = np.maximum(gap - off, 0.0)
         near = (gap <= grow) & ~sure
         sure |= near & (loose <= RESOLUTION)
         return sure, near & ~sure, gap
 
     def halves(self, owner: Array, start: Array, end: Array, cable: Array, rows: Array) -> _Halves:
-        """Both halves of some lines, with their exit points."""
+        """Both halves of some lines, with the ends of their cables."""
         middle = (start[rows] + end[rows]) / 2
         owner, start, end = np.tile(owner[rows], 2), np.vstack((start[rows], middle)), np.vstack((middle, end[rows]))
-        exits, drift = exits_of(self.robot, start, end)
-        every = np.arange(len(owner))
-        return owner, start, end, (exits[every, cable[owner]], drift[every, cable[owner]])
+        return owner, start, end, ends_of(self.robot, start, end, cable[owner])
 
     def record(self, move: Array, bead: Array, cable: Array, gap: Array) -> None:
         """Keep the nearest bead of each move and cable."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.distance import height_range
-from cabslice.feasibility.exits import exit_boxes
+from cabslice.feasibility.exits import exit_boxes, hung_boxes
 from cabslice.feasibility.obstacles import Moves, Obstacles
 from cabslice.robot.model import Robot
 
@@ -53,6 +53,7 @@ class Tree:
     starts: Array
     levels: tuple[Bounds, ...]
     exits: tuple[tuple[Array, Array], ...] = ()     # per level, boxes (n, m, 3) of exit points; moves only
+    hung: tuple[tuple[Array, Array], ...] = ()      # per level, boxes (n, m, 3) of attachment minus nozzle; if turned
 
     @property
     def leaves(self) -> int:
@@ -65,12 +66,10 @@ def tree_of_moves(moves: Moves, robot: Robot) -> Tree:
     leaf = _bounds(starts, lambda part: bounds_of_moves(moves.take(part)))
     low = np.stack((leaf.lo[:, 0], leaf.lo[:, AXES // 2], leaf.low), axis=1)
     high = np.stack((leaf.hi[:, 0], leaf.hi[:, AXES // 2], leaf.top), axis=1)
-    boxes = [_boxes(robot, low, high)]
     levels = _levels(leaf)
-    for _ in levels[1:]:
-        lower, upper = boxes[-1]
-        boxes.append((_pairs(np.minimum, lower), _pairs(np.maximum, upper)))
-    return Tree(moves, starts, levels, tuple(boxes))
+    exits = _risen(_boxes(exit_boxes, robot, low, high), len(levels))
+    hung = _risen(_boxes(hung_boxes, robot, low, high), len(levels)) if robot.turning is not None else ()
+    return Tree(moves, starts, levels, exits, hung)
 
 
 def tree_of_beads(beads: Obstacles) -> Tree:
@@ -92,31 +91,45 @@ def bounds_of_beads(beads: Obstacles) -> Bounds:
 
 
 def cable_gap(
-    moves: Bounds, exit_low: Array, exit_high: Array, offsets: Array, beads: Bounds, reach: Array
+    moves: Bounds, exit_low: Array, exit_high: Array, offsets: Array, beads: Bounds, reach: Array,
+    spread: Array | None = None,
 ) -> Array:
     """Proven distance (n,) mm between the cable in all its places and all the beads, pair by pair; negative: no proof.
 
     exit_low, exit_high (n, 3): box of exit points; offsets (n, 3): attachment minus nozzle; reach (n,) mm: where the
-    heights are farther apart than this the gap is inf.
+    heights are farther apart than this the gap is inf; spread (n, 3): by how much offsets may differ.
     """
-    low, top = moves.low + offsets[:, 2], moves.top + offsets[:, 2]
+    low, top, wide = moves.low + offsets[:, 2], moves.top + offsets[:, 2], 0.0
+    if spread is not None:
+        low, top, wide = low - spread[:, 2], top + spread[:, 2], spread[:, :2] @ abs(DIRECTIONS)
     first, last = height_range(exit_low[:, 2], exit_high[:, 2], low, top, beads.low - reach, beads.top + reach)
-    middle, spread = (exit_low + exit_high)[:, :2] / 2 @ DIRECTIONS, (exit_high - exit_low)[:, :2] / 2 @ abs(DIRECTIONS)
+    middle, around = (exit_low + exit_high)[:, :2] / 2 @ DIRECTIONS, (exit_high - exit_low)[:, :2] / 2 @ abs(DIRECTIONS)
     shift = offsets[:, :2] @ DIRECTIONS
     inner, outer = np.clip(first, 0.0, 1.0)[:, None], np.clip(last, 0.0, 1.0)[:, None]
-    start, end = middle + spread, moves.hi + shift
+    start, end = middle + around, moves.hi + shift + wide
     end -= start
     highest = start + np.maximum(inner * end, outer * end)
-    start, end = middle - spread, moves.lo + shift
+    start, end = middle - around, moves.lo + shift - wide
     end -= start
     lowest = start + np.minimum(inner * end, outer * end)
     gap = np.maximum(beads.lo - highest, lowest - beads.hi).max(axis=1)
     return np.where(first > last, np.inf, gap)
 
 
-def _boxes(robot: Robot, low: Array, high: Array) -> tuple[Array, Array]:
+def _risen(leaf: tuple[Array, Array], levels: int) -> tuple[tuple[Array, Array], ...]:
+    """Boxes of the leaves and of all levels over them."""
+    boxes = [leaf]
+    for _ in range(levels - 1):
+        lower, upper = boxes[-1]
+        boxes.append((_pairs(np.minimum, lower), _pairs(np.maximum, upper)))
+    return tuple(boxes)
+
+
+def _boxes(
+    of: Callable[[Robot, Array, Array], tuple[Array, Array]], robot: Robot, low: Array, high: Array
+) -> tuple[Array, Array]:
     step = BLOCK // 8
-    parts = [exit_boxes(robot, low[i:i + step], high[i:i + step]) for i in range(0, len(low), step)]
+    parts = [of(robot, low[i:i + step], high[i:i + step]) for i in range(0, len(low), step)]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 

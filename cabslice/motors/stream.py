@@ -7,6 +7,7 @@ Legend
     a        acceleration of the platform the tension is planned for: (-p[i-2] + 16 p[i-1] - 30 p[i] + 16 p[i+1]
              - p[i+2]) / 12 T^2 of the poses in the rows, since corners shorter than a row accelerate in peaks that rows
              cannot carry: taken as they are, they make the platform ring (0.1 mm on a robot whose first mode is 20 Hz)
+    alpha    (-omega[i+2] + 8 omega[i+1] - 8 omega[i-1] + omega[i-2]) / 12 T of its angular velocity, where it turns
     b        relaxation time of a damping cable, viscosity over modulus (s): a cable that is to pull t(t) while it damps
              is stretched by t - b dt/dt; that is the tension in the rows, dt/dt by central differences
     r        cable wound per motor angle (mm/rad; the radius of a plain winder)
@@ -242,6 +243,9 @@ class _Source:
         p, inner = wide.poses[:, :3], slice(REACH, -REACH)
         accels = wide.accels[inner].copy()
         accels[:, :3] = (16 * (p[3:-1] + p[1:-3]) - (p[4:] + p[:-4]) - 30 * p[inner]) / (12 * self.period_s**2)
+        if wide.poses[:, 3:].any():
+            w = wide.rates[:, 3:]
+            accels[:, 3:] = (8 * (w[3:-1] - w[1:-3]) - (w[4:] - w[:-4])) / (12 * self.period_s)
         accels[self._rests(np.arange(low, high + 1))] = 0.0
         whole = _Rows(wide.poses[inner], wide.rates[inner], accels, wide.filament[inner], wide.move[inner])
         return whole.taken(rows - low)

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cabslice.profile.cable_checks import MISSING, cable_faults
+from cabslice.profile.turn_checks import turn_faults
 from cabslice.profile.values import Faults, Values, cables_of, number, numbers, table
 
 __all__ = ["MISSING", "relations"]
@@ -34,6 +35,7 @@ def _printer(values: Values) -> Faults:
     yield from _inertia(platform)
     yield from _bodies(values)
     yield from _home_over_bed(values, home)
+    yield from turn_faults(values)
     for index, cable in enumerate(cables):
         for place, sentence in cable_faults(cable, home):
             yield ("cable", index, *place), sentence

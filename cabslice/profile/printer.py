@@ -25,6 +25,18 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
 
 
+class Turn(Table):
+    """How the platform is turned while it prints, by where the nozzle is: angles at knots, smoothly in between."""
+
+    x_mm: list[float] = Field(default=[0.0], min_length=1, max_length=50, description="knots, bed coordinates, rising")
+    y_mm: list[float] = Field(default=[0.0], min_length=1, max_length=50, description="knots, bed coordinates, rising")
+    z_mm: list[float] = Field(default=[0.0], min_length=1, max_length=50, description="knots, over the bed, rising")
+    angles_deg: list[Vector] = Field(
+        min_length=1,
+        description="psi, theta, phi (turns about x, y, z) at each x, y, z, that of z fastest; level at home",
+    )
+
+
 class Platform(Table):
     """The moving body that carries the print head."""
 
@@ -44,6 +56,13 @@ class Platform(Table):
     )
 
 
+    tilt_max_deg: float = Field(
+        default=5.0, ge=0, le=45, description="the most the platform may be turned about x and about y while it prints",
+    )
+    yaw_max_deg: float = Field(
+        default=15.0, ge=0, le=90, description="the most the platform may be turned about z while it prints",
+    )
+    turn: Turn | None = Field(default=None, json_schema_extra=SELDOM)
     hull_mm: list[Vector] = Field(
         default=[],
         description="corners of a convex body that holds the platform, platform frame; absent: not judged",

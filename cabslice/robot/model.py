@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.robot.rotation import matrix
+from cabslice.robot.turning import Turning, turning_of
 
 NEWTON = 1e-3                                  # N per kg mm/s^2, and N mm per kg mm^2/s^2
 GRAVITY = np.array([0.0, 0.0, -9806.65])       # mm/s^2
@@ -143,6 +145,7 @@ class Robot:
     bodies: tuple[tuple[str, Array], ...] = ()       # convex, by name: corners (V, 3) mm, platform frame
     obstacles: tuple[tuple[str, Array], ...] = ()    # convex, by name: corners (V, 3) mm, machine frame
     body_free: float = 0.0           # mm of a cable at the body it is fastened to that are not judged against it
+    turning: Turning | None = None   # how the platform is turned while it prints; None: level
 
     def __post_init__(self) -> None:
         shape = Shapes("Robot")
@@ -201,7 +204,14 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
         bodies=_hulls(printer),
         obstacles=tuple((f"obstacle {i}", np.array(body)) for i, body in enumerate(printer.obstacles_mm, start=1)),
         body_free=printer.platform.cable_free_mm,
+        turning=turning_of(printer, _nozzle_at_home(printer)),
     )
+
+
+def _nozzle_at_home(printer: Any) -> Array | None:
+    if not (printer.nozzle and printer.bed):
+        return None
+    return np.array(printer.platform.home_mm) + np.array(printer.nozzle.offset_mm) - _bed_origin(printer.bed)
 
 
 def _bed_origin(bed: Any) -> Array:
@@ -285,9 +295,30 @@ def _layer_radii(winder: Any, layers: int) -> Array:
 
 
 def nozzle_poses(robot: Robot, xyz: Array) -> Array:
-    """Level platform poses (K, 6) that put the nozzle at xyz (K, 3) mm in bed coordinates."""
+    """Platform poses (K, 6), level or as the robot turns, that put the nozzle at xyz (K, 3) mm in bed coordinates."""
+    poses = np.zeros((len(xyz), 6))
+    poses[:, :3] = xyz + level_shift(robot)
+    if robot.turning is not None:
+        poses[:, 3:] = robot.turning.vectors(xyz)
+        poses[:, :3] += robot.nozzle - matrix(poses[:, 3:]) @ robot.nozzle
+    return poses
+
+
+def nozzle_places(robot: Robot, poses: Array) -> Array:
+    """Nozzle tips (K, 3) mm in bed coordinates of poses (K, 6)."""
+    shift = level_shift(robot)
+    if not poses[:, 3:].any():
+        return np.asarray(poses[:, :3] - shift)
+    return np.asarray(poses[:, :3] + matrix(poses[:, 3:]) @ robot.nozzle - robot.bed_origin)
+
+
+def level_shift(robot: Robot) -> Array:
+    """(3,) mm: origin of a level platform in the machine frame less the nozzle in bed coordinates."""
     if robot.nozzle is None or robot.bed_origin is None:
         raise ValueError("the robot has no nozzle or no bed")
-    poses = np.zeros((len(xyz), 6))
-    poses[:, :3] = xyz + robot.bed_origin - robot.nozzle
-    return poses
+    return np.asarray(robot.bed_origin - robot.nozzle)
+
+
+def turned(robot: Robot) -> tuple[Turning | None, Array | None]:
+    """How it turns its platform, and the nozzle it turns about; of a level one nothing."""
+    return (robot.turning, robot.nozzle) if robot.turning is not None else (None, None)

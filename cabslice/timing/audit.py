@@ -4,7 +4,8 @@ Positions are taken from the trajectory at even times; speeds and accelerations 
 tensions are found anew from them. Nothing of the planner is used: not its rows, not its grid, not its derivatives.
 
 Legend
-    p_k          position at time k dt;  v = (p_k+1 - p_k-1) / 2 dt;  a = (p_k+1 - 2 p_k + p_k-1) / dt^2
+    p_k          position of the nozzle (or the centre of mass) at time k dt
+                 v = (p_k+1 - p_k-1) / 2 dt;  a = (p_k+1 - 2 p_k + p_k-1) / dt^2
     share        value over limit; above 1 is a finding
 """
 
@@ -20,13 +21,15 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
 from cabslice.robot.kinematics import lengths
-from cabslice.robot.model import NEWTON, Robot
+from cabslice.robot.model import NEWTON, Robot, nozzle_places
+from cabslice.robot.rotation import matrix
 from cabslice.robot.tension import unmeasured
 from cabslice.robot.usable import usable_tension_max
 from cabslice.robot.winder import motor_angles, transmission
 from cabslice.robot.wrench import wrench_matrix
+from cabslice.timing.audit_words import ADVICE, SENTENCES, UNITS, UNKEPT
 from cabslice.timing.layers import dwells, layer_spans, least_times
-from cabslice.timing.trajectory import Trajectory, sample
+from cabslice.timing.trajectory import Samples, Trajectory, sample
 from cabslice.toolpath.path import RESTS, Toolpath
 
 STEP_S = 1e-3
@@ -35,6 +38,7 @@ ROUNDING = 1e-6             # of a limit: finite differences are not exact
 BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
 STILL_MM = 1e-9
+TURN_RAD = 1e-6
 MERGED_MM = 1e-3            # vertices nearer than this may be taken for one
 FINER = 8
 CURED_BY_SLOWING = {
@@ -43,10 +47,6 @@ CURED_BY_SLOWING = {
 }
 Progress = Callable[[int, int], None]
 
-UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
-         "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
-         "missed": "", "dwell": "s", "layer-time": "s", "pause": "",
-         "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m"}
 
 
 @dataclass
@@ -143,10 +143,11 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     step, toolpath = subject.step, subject.toolpath
     times = np.arange(first - 2, last + 2) * step
     seen = sample(subject.trajectory, times)
-    place = seen.poses[:, :3]
+    place = nozzle_places(subject.robot, seen.poses)
     accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
     worst = Worst()
-    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses[1:-1], accel)
+    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses)
+    _turns(subject, worst, times, seen, place)
     _motors(subject, worst, times[2:-2], seen.move[2:-2], seen.poses[1:-1], tension)
     times, place, move, fed, accel = times[1:-1], place[1:-1], seen.move[1:-1], seen.filament[1:-1], accel[1:-1]
     now, at = times[1:-1], move[1:-1]
@@ -154,7 +155,6 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     stride = np.linalg.norm(np.diff(place, axis=0), axis=1) / step
     _kinematic(subject, worst, now, at, around, np.maximum(stride[1:], stride[:-1]), accel)
     _feeding(subject, worst, now, at, around, fed)
-    place = place - subject.trajectory.to_pose
     off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
     _vertices(subject, worst, times, move, float(np.linalg.norm(accel, axis=1).max()))
@@ -190,12 +190,44 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
     worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
 
 
-def _cables(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, accel: Array) -> Array:
-    """Tensions (K, m) that hold the platform on the motion exist within the bounds: found, then verified on the spot;
-    nan where not."""
-    robot = subject.robot
-    force = robot.mass * (accel - robot.gravity) * NEWTON                  # the platform is level and does not turn
-    required = np.hstack((force, np.cross(robot.centre_of_mass, force)))
+def _turns(subject: Subject, worst: Worst, times: Array, seen: Samples, place: Array) -> None:
+    """The platform is turned as it was when the path was checked."""
+    turning, found = subject.robot.turning, seen.poses[:, 3:]
+    if turning is None and not found.any():
+        return
+    right = np.tile(np.eye(3), (len(found), 1, 1)) if turning is None else turning.matrices(place)
+    off = np.abs(right - matrix(found)).max(axis=(1, 2))
+    worst.see("turn", off, np.full(len(off), TURN_RAD), times, seen.move)
+
+
+def _needed(robot: Robot, poses: Array, step: float) -> Array:
+    """(K, 6) N, N mm: what holds the platform at the inner ones of poses (K + 2, 6), step s apart, by differences."""
+    turn = matrix(poses[:, 3:])
+    centre = poses[:, :3] + turn @ robot.centre_of_mass
+    accel = (centre[2:] - 2 * centre[1:-1] + centre[:-2]) / step**2
+    force = robot.mass * (accel - robot.gravity) * NEWTON
+    moment = np.cross(turn[1:-1] @ robot.centre_of_mass, force)
+    if poses[:, 3:].any():
+        back = turn[1:-1].swapaxes(1, 2)
+        spin = _axial((turn[2:] - turn[:-2]) @ back) / (2 * step)
+        spun = _axial((turn[2:] - 2 * turn[1:-1] + turn[:-2]) @ back) / step**2
+        inertia = turn[1:-1] @ robot.inertia @ back
+        torque = np.einsum("kij,kj->ki", inertia, spun) + np.cross(spin, np.einsum("kij,kj->ki", inertia, spin))
+        moment = moment + NEWTON * torque
+    return np.hstack((force, moment))
+
+
+def _axial(matrices: Array) -> Array:
+    """(K, 3) of the antisymmetric part of (K, 3, 3)."""
+    odd = (matrices - matrices.swapaxes(1, 2)) / 2
+    return np.stack((odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]), axis=1)
+
+
+def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array) -> Array:
+    """Tensions (K, m) that hold the platform on the motion, poses around (K + 2, 6), exist within the bounds: found,
+    then verified on the spot; nan where not."""
+    robot, poses = subject.robot, around[1:-1]
+    required = _needed(robot, around, subject.step)
     wrench, free = wrench_matrix(robot, poses), robot.freedoms
     highest = usable_tension_max(robot)
     bounds = robot.tension_min, highest, robot.tension_reference
@@ -264,7 +296,7 @@ def _vertices(subject: Subject, worst: Worst, times: Array, move: Array, fastest
     ahead = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
     vertex = subject.toolpath.xyz[move[pair] + ahead]
     looks = times[pair, None] + subject.step * np.linspace(0, 1, FINER + 1)
-    place = sample(subject.trajectory, looks.ravel()).poses[:, :3] - subject.trajectory.to_pose
+    place = nozzle_places(subject.robot, sample(subject.trajectory, looks.ravel()).poses)
     place = place.reshape(len(pair), FINER + 1, 3)
     off = np.min([_to_segment(vertex, place[:, k], place[:, k + 1]) for k in range(FINER)], axis=0)
     bulge = fastest * (subject.step / FINER) ** 2 / 4
@@ -276,14 +308,14 @@ def _ends(subject: Subject) -> Worst:
     """The motion ends at the last vertex with all filament fed, and rests at both ends of every piece."""
     trajectory, toolpath = subject.trajectory, subject.toolpath
     end = sample(trajectory, np.array([trajectory.duration]))
-    missing = np.linalg.norm(end.poses[:, :3] - trajectory.to_pose - toolpath.xyz[-1:], axis=1)
+    missing = np.linalg.norm(nozzle_places(subject.robot, end.poses) - toolpath.xyz[-1:], axis=1)
     worst, last = Worst(), np.array([len(toolpath.xyz) - 1])
     at_end = np.array([trajectory.duration])
     worst.see("vertex", np.maximum(missing - PLACE_MM, 0), subject.process.corner_mm, at_end, last)
     lost = np.abs(end.filament - toolpath.filament.sum())
     worst.see("filament", lost, np.full(1, 1e-6 + 1e-12 * np.abs(toolpath.filament).sum()), at_end, last)
     begin = sample(trajectory, np.zeros(1))
-    astray = np.linalg.norm(begin.poses[:, :3] - trajectory.to_pose - toolpath.xyz[:1], axis=1)
+    astray = np.linalg.norm(nozzle_places(subject.robot, begin.poses) - toolpath.xyz[:1], axis=1)
     worst.see("vertex", np.maximum(astray - PLACE_MM, 0), subject.process.corner_mm, np.zeros(1), np.zeros(1, np.int64))
     _whole_pieces(subject, worst)
     ends = trajectory.pieces[1:] - 1
@@ -335,37 +367,6 @@ def _coverage(subject: Subject, worst: Worst) -> None:
     here = len(left) - 1 if np.linalg.norm(left - left[-1], axis=1).max() <= 2 * MERGED_MM else 0
     missed, last = abs(moves - 1 - here - worst.vertices), np.array([moves])
     worst.see("missed", np.array([float(missed)]), np.array([0.5]), np.array([subject.trajectory.duration]), last)
-
-
-SENTENCES = {
-    "speed": "the nozzle moves faster than the machine may",
-    "feature-speed": "the nozzle moves faster than asked for this feature",
-    "acceleration": "the nozzle accelerates more than the machine may",
-    "flow": "more plastic is asked for than the hot end melts",
-    "filament-speed": "the filament is fed faster than the extruder may",
-    "filament-step": "the feed of filament steps harder than the extruder follows",
-    "tension": "no cable tensions within bounds produce this motion",
-    "path": "the nozzle leaves the toolpath by more than the corner tolerance",
-    "vertex": "a vertex of the toolpath is passed too far away",
-    "filament": "filament was lost",
-    "missed": "a part of the toolpath is not passed",
-    "dwell": "a pause that was asked for is missing",
-    "motor-speed": "a motor turns faster than it may, winding and taking up the stretch of its cable",
-    "motor-torque": "a motor gives more than its peak torque",
-    "motor-heat": "a motor gives more than its continuous torque in the mean of squares over the print",
-    "layer-time": "a layer is over sooner than it may be",
-    "pause": "a pause is asked for where the nozzle does not rest",
-    "rest": "a piece does not start and end at rest",
-}
-
-
-UNKEPT = "report this: the plan should have kept it"
-ADVICE = {
-    "tension": "lower motion.max_acceleration_mm_s2, or move the part towards the middle of the bed",
-    "motor-speed": "lower motion.max_acceleration_mm_s2, or raise motion.smoothing_ms",
-    "motor-torque": "lower motion.max_acceleration_mm_s2, or raise motion.smoothing_ms",
-    "motor-heat": "lower cables.reference_tension_n, or use motors of more continuous_torque_n_m",
-}
 
 
 def _verdict(subject: Subject, worst: Worst, rows: int) -> Verdict:

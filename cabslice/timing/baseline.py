@@ -20,7 +20,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.robot.kinematics import jacobian
-from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.model import Robot, level_shift, nozzle_poses, turned
 from cabslice.robot.usable import stretch
 from cabslice.timing.audit import STEP_S, audit
 from cabslice.timing.layers import dwells, paced
@@ -135,8 +135,7 @@ def _trajectory(
     with np.errstate(divide="ignore", invalid="ignore"):
         spent[1:] = times_between(s, x)
     spent[nodes] = dwells(toolpath)
-    to_pose = nozzle_poses(robot, np.zeros((1, 3)))[0, :3]
-    return Trajectory(path, np.cumsum(spent), s, x, row, pieces, to_pose, 0.0)
+    return Trajectory(path, np.cumsum(spent), s, x, row, pieces, level_shift(robot), 0.0, *turned(robot))
 
 
 def compared(

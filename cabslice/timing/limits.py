@@ -2,7 +2,8 @@
 
 Legend
     u, x         d2s/dt2 (mm/s^2) and (ds/dt)^2 (mm^2/s^2) of the path parameter
-    q', q''      derivatives of the nozzle by s; the platform is level, so its acceleration is q' u + q'' x
+    q', q''      derivatives of the platform by s: those of the nozzle where it is level; its acceleration is
+                 q' u + q'' x
     L', L''      derivatives of the cable lengths by s: L' = J q', L'' = J q'' + q' H q'
     two-sided row   lo <= a u + b x <= hi with lo < 0 < hi: rest is inside, and dividing by hi and by lo scales to 1
 """
@@ -64,13 +65,15 @@ Block = tuple[Array, Array, Array, Array]     # a, b, lo, hi, each (R, K)
 @dataclass(frozen=True)
 class Nodes:
     """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,),
-    largest acceleration per axis (K,) mm/s^2, inf where only the cables limit it."""
+    largest acceleration per axis (K,) mm/s^2, inf where only the cables limit it. Where the platform turns, rotations
+    too (angular velocity and its rate by s), and q' and q'' (K, 3) of the nozzle by themselves."""
 
     poses: Array
     d1: Array
     d2: Array
     feed: Array
     acceleration: Array
+    nozzle: tuple[Array, Array] | None = None
 
 
 def rows(robot: Robot, limits: Limits, nodes: Nodes) -> tuple[Array, Array, Array]:
@@ -132,7 +135,8 @@ def winding(robot: Robot, nodes: Nodes) -> Block:
 
 
 def axes(nodes: Nodes) -> Block:
-    a, b = nodes.d1[:, :3].T, nodes.d2[:, :3].T
+    d1, d2 = nodes.nozzle or (nodes.d1[:, :3], nodes.d2[:, :3])
+    a, b = d1.T, d2.T
     high = np.broadcast_to(nodes.acceleration, a.shape)
     return a, b, -high, high
 

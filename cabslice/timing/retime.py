@@ -16,7 +16,8 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
-from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.model import Robot, level_shift, turned
+from cabslice.robot.turning import platform_motion
 from cabslice.robot.usable import usable_tension_max
 from cabslice.timing.grid import Grid, lay_grid
 from cabslice.timing.layers import dwells, paced
@@ -24,7 +25,7 @@ from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of,
 from cabslice.timing.path import DEVIATION, Path, evaluate, smooth, to_corners
 from cabslice.timing.recursion import widened
 from cabslice.timing.rules import Rules, rules_for
-from cabslice.timing.trajectory import Trajectory, sample, times_between
+from cabslice.timing.trajectory import Trajectory, nozzle_at, times_between
 from cabslice.toolpath.path import Toolpath
 
 BLOCK_NODES = 20_000       # nodes planned together
@@ -172,12 +173,12 @@ def _still_broken(grid: Grid, block: Block, at: Array, broken: Array) -> tuple[B
 def nodes_at(task: Task, move: Array, sigma: Array) -> Nodes:
     """What the limits need to know of places sigma (K,) mm into moves (K,)."""
     motion = evaluate(task.path, move, sigma)
-    still = np.zeros((len(move), 3))
     away = np.minimum(sigma + task.behind[move], task.path.length[move] - sigma + task.ahead[move])
     near = away < NEAR + task.speed[move] * task.limits.window / 2
     most = np.where(near, min(task.limits.acceleration, CAUTION * task.bend), task.limits.acceleration)
-    return Nodes(nozzle_poses(task.robot, motion.q), np.hstack((motion.d1, still)), np.hstack((motion.d2, still)),
-                 task.path.feed[move], most)
+    robot, nozzle = task.robot, (motion.q, motion.d1, motion.d2)
+    platform = platform_motion(robot.turning, robot.nozzle, level_shift(robot), *nozzle)
+    return Nodes(*platform, task.path.feed[move], most, nozzle[1:] if robot.turning is not None else None)
 
 
 def _tops(task: Task, block: Block) -> Array:
@@ -219,8 +220,7 @@ def _pull_in(task: Task, block: Block, x: Array, factor: Array) -> None:
     before = path.before[block.move[vertex]]
     turn = np.linalg.norm(path.direction[path.after[before]] - path.direction[before], axis=1)
     vertex, before = vertex[turn > GENTLE], before[turn > GENTLE]
-    off = np.linalg.norm(sample(trajectory, trajectory.time[vertex]).poses[:, :3] - trajectory.to_pose
-                         - path.vertex[before], axis=1)
+    off = np.linalg.norm(nozzle_at(trajectory, trajectory.time[vertex]) - path.vertex[before], axis=1)
     blend = DEVIATION * path.half[before] * turn[turn > GENTLE]
     share = np.maximum(off - blend, 0) / np.maximum(task.corner_mm - blend, 1e-9)
     far = np.flatnonzero(share > 1 + SLACK)
@@ -249,8 +249,8 @@ def _trajectory(task: Task, block: Block, x: Array) -> Trajectory:
     """The motion of the pieces of a block with x (G,) at its nodes; the clock starts at 0."""
     s = task.path.start[block.move] + block.sigma
     time = _clock(task.toolpath, block, s, x, task.limits.window)
-    to_pose = nozzle_poses(task.robot, np.zeros((1, 3)))[0, :3]
-    return Trajectory(task.path, time, s, x, block.move, block.offsets, to_pose, task.limits.window)
+    return Trajectory(task.path, time, s, x, block.move, block.offsets, level_shift(task.robot), task.limits.window,
+                      *turned(task.robot))
 
 
 def _clock(toolpath: Toolpath, block: Block, s: Array, x: Array, window: float) -> Array:

@@ -1,6 +1,7 @@
 """Two ways to the same answer: rows and recursion compiled together, or rows in numpy and any engine.
 
-The compiled rules serve robots with six freedoms and two cables more; the array rules serve every robot, and toppra.
+The compiled rules serve level platforms with six freedoms and two cables more; the array rules serve every robot,
+and toppra.
 """
 
 from __future__ import annotations
@@ -102,6 +103,8 @@ def rules_for(robot: Robot, limits: Limits, engine: str) -> Rules:
         raise UsageError(f"unknown engine '{engine}': expected compiled or toppra")
     from cabslice.timing import kernel, recursion
 
-    return CompiledRules(robot, limits) if kernel.serves(robot) else ArrayRules(robot, limits, recursion.retime)
+    if kernel.serves(robot) and robot.turning is None:
+        return CompiledRules(robot, limits)
+    return ArrayRules(robot, limits, recursion.retime)
 
 

@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.robot.turning import Turning, platform_motion
 from cabslice.timing.path import Path
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The motion at K times; poses are level, so rotations, their rates and accelerations are zero."""
+    """The motion at K times; where poses are level rotations, their rates and accelerations are zero."""
 
     poses: Array      # (K, 6) platform pose, machine frame
     rates: Array      # (K, 6) mm/s, rad/s
@@ -43,6 +44,8 @@ class Trajectory:
     pieces: Array     # (P+1,) int64: piece p has nodes pieces[p]:pieces[p+1]
     to_pose: Array    # (3,) mm: platform origin in the machine frame minus nozzle in bed coordinates
     window: float     # s
+    turning: Turning | None = None    # how the platform is turned; None: level
+    nozzle: Array | None = None       # (3,) mm, platform frame; only where it is turned
 
     def __post_init__(self) -> None:
         shape = Shapes("Trajectory")
@@ -66,10 +69,19 @@ def sample(trajectory: Trajectory, times: Array) -> Samples:
     first, last = trajectory.pieces[piece], trajectory.pieces[piece + 1] - 1
     plan = trajectory.time, trajectory.s, trajectory.x, trajectory.move
     motion, s, filament, feed = moved(trajectory.path, plan, first, last, times, trajectory.window)
-    poses, rates, accels = np.zeros((3, len(s), 6))
-    poses[:, :3] = motion[:, :3] + trajectory.to_pose
-    rates[:, :3], accels[:, :3] = motion[:, 3:6], motion[:, 6:]
-    return Samples(poses, rates, accels, filament, feed, move_at(trajectory, piece, s))
+    platform = platform_motion(
+        trajectory.turning, trajectory.nozzle, trajectory.to_pose, motion[:, :3], motion[:, 3:6], motion[:, 6:])
+    return Samples(*platform, filament, feed, move_at(trajectory, piece, s))
+
+
+def nozzle_at(trajectory: Trajectory, times: Array) -> Array:
+    """(K, 3) mm, bed coordinates, at times (K,) s, as planned."""
+    from cabslice.timing.averaging import moved
+
+    piece = piece_at(trajectory, times)
+    first, last = trajectory.pieces[piece], trajectory.pieces[piece + 1] - 1
+    plan = trajectory.time, trajectory.s, trajectory.x, trajectory.move
+    return moved(trajectory.path, plan, first, last, times, trajectory.window)[0][:, :3]
 
 
 def move_at(trajectory: Trajectory, piece: Array, s: Array) -> Array:

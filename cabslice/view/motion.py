@@ -20,6 +20,7 @@ from cabslice.motors.stream import MotorStream, make_stream, row_count
 from cabslice.robot import kinematics, tension, winder, wrench
 from cabslice.robot.forward import forward
 from cabslice.robot.model import Robot
+from cabslice.robot.rotation import matrix
 from cabslice.slicing.layer import Role
 from cabslice.timing.trajectory import Samples, Trajectory, sample
 from cabslice.toolpath.path import Toolpath
@@ -147,7 +148,7 @@ def of_stream(stream: MotorStream, robot: Robot) -> Moves:
     """A motor file played back: the place at the end of each move from angles and tensions, the worst of all rows."""
     rows, columns = _rows(stream)
     lengths = winder.pulley_lengths_of(robot, columns["angle"], columns["tension"])
-    xyz = forward(robot, lengths, np.array(stream.header["start_pose"])).poses[:, :3] + _to_nozzle(robot)
+    xyz = _nozzle(robot, forward(robot, lengths, np.array(stream.header["start_pose"])).poses)
     fed = np.diff(columns["filament"], prepend=columns["filament"][0])
     moved = np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1)
     laid = (moved > STILL_MM) & (fed > FED * moved)
@@ -160,10 +161,11 @@ def of_stream(stream: MotorStream, robot: Robot) -> Moves:
     return Moves(xyz, role, layer, 0.45 * laid, tall * laid, time, "played", fields)
 
 
-def _to_nozzle(robot: Robot) -> Array:
-    """Nozzle in bed coordinates minus platform origin, level platform."""
+def _nozzle(robot: Robot, poses: Array) -> Array:
+    """Nozzle (K, 3) in bed coordinates of poses; where there is none the platform's origin."""
     nozzle = np.zeros(3) if robot.nozzle is None else robot.nozzle
-    return nozzle - (np.zeros(3) if robot.bed_origin is None else robot.bed_origin)
+    lever = matrix(poses[:, 3:]) @ nozzle if robot.turning is not None else nozzle
+    return poses[:, :3] + (lever - (np.zeros(3) if robot.bed_origin is None else robot.bed_origin))
 
 
 def _rows(stream: MotorStream) -> tuple[Array, dict[str, Array]]:

@@ -15,7 +15,7 @@ from cabslice.arrays import Array, Shapes, set_columns
 from cabslice.files import atomic
 from cabslice.motors.stream import Block, MotorStream
 from cabslice.robot.forward import forward
-from cabslice.robot.model import Robot, nozzle_poses
+from cabslice.robot.model import Robot, nozzle_places
 from cabslice.robot.winder import pulley_lengths_of
 from cabslice.timing.trajectory import Trajectory, sample
 from cabslice.toolpath.path import Toolpath
@@ -97,8 +97,8 @@ def _pairs(block: Block, step: int, rows: int) -> tuple[Array, Array, Array]:
 
 
 def _nozzle(robot: Robot, poses: Array) -> Array:
-    """Nozzle (K, 3) in bed coordinates of level poses."""
-    return poses[:, :3] - nozzle_poses(robot, np.zeros((1, 3)))[0, :3]
+    """Nozzle (K, 3) in bed coordinates."""
+    return nozzle_places(robot, poses)
 
 
 def _bounds(robot: Robot) -> Array:
