@@ -119,6 +119,13 @@ def test_prusaslicers_settings(tmp_path, name, lead):
     assert process.bottom_layers == shelf.load_process("standard-0.6").bottom_layers       # inherited
 
 
+@pytest.mark.parametrize(("on", "longest", "detour"), [(0, 0, 1), (1, 10000, 100)])
+def test_prusaslicers_two_switches_for_travels(tmp_path, on, longest, detour):
+    text = f"{PRUSA_INI}only_retract_when_crossing_perimeters = {on}\navoid_crossing_perimeters = {on}\n"
+    retraction = imported(tmp_path, "job.ini", text).process.retraction
+    assert (retraction.inside_travel_mm, retraction.max_detour) == (longest, detour)
+
+
 def test_the_files_say_where_each_value_is_from_and_read_back(tmp_path):
     made = imported(tmp_path, "job.ini", PRUSA_INI)
     assert "layer_mm = 0.3    # layer_height" in made.process_toml

@@ -90,11 +90,16 @@ def test_ways_in_any_region_stay_inside_and_within_their_bound(holes, seed):
         assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() <= 3.0 * np.linalg.norm(there[t] - here[t]) + 1e-9
 
 
-def lay(lines, shape=None, **retraction):
-    one = layer(lines)
-    if shape is not None:
-        one = replace(one, outline=Polygons(shape, np.array([0, len(shape)])))
-    path = lay_toolpath([one], process(retraction), PLA, filament_diameter_mm=1.75)
+def outlined(lines, shape, index):
+    one = layer(lines, index)
+    return one if shape is None else replace(one, outline=Polygons(shape, np.array([0, len(shape)])))
+
+
+def lay(lines, shape=None, above=None, below=None, **retraction):
+    """The layer between two others, as large as itself where not said otherwise."""
+    shapes = [shape if below is None else below, shape, shape if above is None else above]
+    layers = [outlined(some, one, index) for index, (some, one) in enumerate(zip([[], lines, []], shapes, strict=True))]
+    path = lay_toolpath(layers, process(retraction), PLA, filament_diameter_mm=1.75)
     assert find_faults(path) == ()
     return path
 
@@ -124,6 +129,22 @@ def test_over_a_top_skin_filament_is_drawn_back():
     assert (lay(lines, rectangle(0, 0, 30, 20)).filament < 0).sum() == 1
     lines = [line(points, Role.SOLID_INFILL) for points, *_ in lines]
     assert (lay(lines, rectangle(0, 0, 30, 20)).filament < 0).sum() == 0
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_where_the_layer_above_or_below_does_not_hide_it_a_travel_draws_back(side):
+    """As PrusaSlicer: inside the part is what is under and over other layers, but for the beads at the ends."""
+    lines, whole = [line([(2, 2), (9, 2)]), line([(18, 2), (12, 2)])], rectangle(0, 0, 30, 20)
+    for shape, drawn_back in ((whole, 0), (rectangle(0, 0, 10, 20), 1), (rectangle(0, 5, 30, 20), 1),
+                              (rectangle(9.2, 0, 30, 20), 0), (rectangle(9.3, 0, 30, 20), 1)):
+        assert (lay(lines, whole, **{side: shape}).filament < 0).sum() == drawn_back
+
+
+def test_on_the_bed_and_in_the_topmost_layer_travels_draw_back():
+    lines, whole = [line([(2, 2), (9, 2)]), line([(18, 2), (12, 2)])], rectangle(0, 0, 30, 20)
+    layers = [outlined(lines, whole, index) for index in range(4)]
+    path = lay_toolpath(layers, process(), PLA, filament_diameter_mm=1.75)
+    assert set(path.layer[path.filament < 0]) == {0, 3}
 
 
 APART = [line([(0, 0), (5, 0), (10, 0.5)]), line([(40, 0), (30, 0)], island=1)]

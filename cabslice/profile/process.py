@@ -41,7 +41,7 @@ class Retraction(Table):
     hop_mm: float = Field(default=0.0, ge=0, le=50, description="lift of the nozzle during a retracted travel")
     inside_travel_mm: float = Field(
         default=15.0, ge=0, le=10000,
-        description="travels up to this that stay inside the part, not over top skins, are made without retraction",
+        description="travels up to this inside the part, hidden from above and below, are made without retraction",
     )
     max_detour: float = Field(
         default=3.0, ge=1, le=100,

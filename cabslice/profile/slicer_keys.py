@@ -11,6 +11,7 @@ from typing import Any
 
 from cabslice.profile.toml import Place
 
+ANY_LENGTH, ANY_DETOUR = 10000.0, 100.0   # the bounds of retraction.inside_travel_mm and max_detour
 AUTO_WIDTH = 1.125   # of the nozzle: PrusaSlicer's automatic extrusion width
 
 
@@ -180,6 +181,10 @@ PRUSA = (
     _rule(R + "prime_speed_mm_s", "retract_speed", _prime, "deretract_speed"),
     _rule(R + "min_travel_mm", "retract_before_travel"), _rule(R + "hop_mm", "retract_lift"),
     _rule(R + "prime_extra_mm", "retract_restart_extra"),
+    _rule(R + "inside_travel_mm", "only_retract_when_crossing_perimeters",
+          _if_on("only_retract_when_crossing_perimeters", lambda settings: ANY_LENGTH, 0.0)),
+    _rule(R + "max_detour", "avoid_crossing_perimeters",
+          _if_on("avoid_crossing_perimeters", lambda settings: ANY_DETOUR, 1.0)),
     _of("print_nozzle_c", "temperature"), _of("first_nozzle_c", "first_layer_temperature"),
     _of("print_bed_c", "bed_temperature", _number("bed_temperature")),
     _of("first_bed_c", "first_layer_bed_temperature", _number("first_layer_bed_temperature")),

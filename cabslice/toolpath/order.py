@@ -7,8 +7,9 @@ travel.travels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import tee, zip_longest
 
 import numpy as np
 
@@ -34,6 +35,7 @@ SPEED_OF = {
 INSTEAD = {   # where the process does not say
     "support": "sparse_infill", "support_interface": "solid_infill", "ironing": "top_skin",
 }
+NOTHING = Polygons(np.empty((0, 2)), np.zeros(1))
 OVER_MM = 2.0      # over all that stands, on the way to the next object
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer", "object")
 
@@ -49,6 +51,8 @@ class _Nozzle:
     seams: Array = field(default_factory=lambda: np.empty((0, 2)))
     ring: Array | None = None        # (N, 2) the last of a spiral
     below: Polygons | None = None    # outline of the last layer
+    covers: Sequence[Polygons] = ()
+    above: Polygons | None = None    # and of the next, of the same object
 
 
 def lay_toolpath(
@@ -65,7 +69,8 @@ def lay_toolpath(
     blocks: list[dict[str, Array]] = []
     rests: dict[int, int] = {}
     rows = 0
-    for layer in layers:
+    for layer, after in _with_next(layers):
+        nozzle.above = None if after is None or after.z_mm < layer.z_mm else after.outline
         if process.spiral and layer.index >= floors(process) + process.raft.layers:
             made = [_wind(layer, nozzle, process, area)]
             spiral = layer
@@ -90,6 +95,13 @@ def lay_toolpath(
     )
 
 
+def _with_next(layers: Iterable[Layer]) -> Iterator[tuple[Layer, Layer | None]]:
+    """Each layer with the one after it, read no further ahead."""
+    one, other = tee(layers)
+    next(other, None)
+    return zip_longest(one, other)
+
+
 def _flat(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, first: bool) -> list[dict[str, Array]]:
     """The rows of a layer, if it has any."""
     below, nozzle.below = nozzle.below, layer.outline
@@ -99,6 +111,7 @@ def _flat(layer: Layer, nozzle: _Nozzle, process: Process, area: float, *, first
     if not len(drawn.role):
         return []
     start = nozzle.xyz
+    nozzle.covers = [below or NOTHING, nozzle.above or NOTHING]
     rows = _moves(drawn, layer, nozzle, process, area, first=first)
     on_bed = start is not None and layer.z_mm < start[2] - SAME_PLACE     # the next object
     if process.overhang_speeds_mm_s and below is not None and start is not None and not on_bed:
@@ -176,7 +189,10 @@ def _moves(
     stops = layer.index in (*process.pause_layers, *process.filament_change_layers)
     anew = nozzle.xyz is not None and z < z_before - SAME_PLACE
     nozzle.object += anew
-    way = travels(drawn, layer, before, process, climbs=z != z_before, stops=(stops and not first) or anew, anew=anew)
+    way = travels(
+        drawn, layer, before, process, climbs=z != z_before, stops=(stops and not first) or anew, anew=anew,
+        covers=nozzle.covers,
+    )
     drawn, dry = coasted(drawn, way.retracted, process.retraction)
     hop = np.full(len(heads), process.retraction.hop_mm if process.retraction.hop_mm > SAME_PLACE else 0.0)
     if anew:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.profile.process import Process, Retraction
 from cabslice.slicing.layer import Layer, Polygons, Role
-from cabslice.slicing.region import from_rings, offset, to_rings
+from cabslice.slicing.region import contains, from_rings, offset, to_rings
 from cabslice.toolpath.combing import comb, straight_inside
 from cabslice.toolpath.sequence import Drawn
 
@@ -17,6 +18,7 @@ SAME_PLACE = 1e-3              # mm: lines that meet so closely are laid without
 GUARD, RAIL = 0.4, 0.75        # bead widths inside the outline: shortcuts keep within, travels are led along
 REACH = 1.5                    # bead widths: how far from the rail a bead may end
 COARSE = 0.1                   # of the bead: detail of the outline that no travel follows
+AT_ENDS = 0.47                 # bead widths of a travel at its ends that may lie over what is seen
 SHORTEST_WIPE = 0.2            # mm
 
 
@@ -37,12 +39,13 @@ class Travels:
 
 
 def travels(
-    drawn: Drawn, layer: Layer, before: Array, process: Process, *, climbs: bool, stops: bool, anew: bool = False
+    drawn: Drawn, layer: Layer, before: Array, process: Process, *, climbs: bool, stops: bool, anew: bool = False,
+    covers: Sequence[Polygons] = (),
 ) -> Travels:
     """To the lines of a layer from `before` (L, 2).
 
     climbs: the first comes from another height; stops: the nozzle waits before it, drawn back; anew: it comes from
-    another object.
+    another object; covers: outlines of the layers below and above, within which threads are not seen.
     """
     retraction, heads = process.retraction, drawn.points[drawn.starts[:-1]]
     gap = np.linalg.norm(heads - before, axis=1)
@@ -51,6 +54,9 @@ def travels(
     together[0] &= not anew
     free, ways, way_starts = _inside(layer.outline, before, heads, apart & together, process)
     free &= gap <= retraction.inside_travel_mm
+    asked = free & apart & (gap >= retraction.min_travel_mm)
+    for cover in covers:
+        free &= ~asked | _within(cover, before, heads, ways, way_starts, asked, AT_ENDS * process.bead_mm)
     free &= (drawn.role != Role.TOP_SKIN) & (np.roll(drawn.role, 1) != Role.TOP_SKIN)
     drawing_back = retraction.length_mm > 0
     retracted = apart & (~together | (~free & (gap >= retraction.min_travel_mm))) & drawing_back
@@ -89,6 +95,40 @@ def _inside(
     size[led] = np.diff(starts)
     free[led] = size[led] > 0
     return free, points, np.append(0, np.cumsum(size))
+
+
+def _within(
+    cover: Polygons, here: Array, there: Array, ways: Array, way_starts: Array, asked: Array, near: float
+) -> Array:
+    """(L,) bool: which of the travels asked for, as they are led, lie inside the cover but for `near` mm at their ends,
+
+    where the nozzle lays beads itself.
+    """
+    inside = np.zeros(len(here), np.bool_)
+    some = np.flatnonzero(asked)
+    if not (len(some) and len(cover.points)):
+        return inside
+    size = np.diff(way_starts)[some]
+    bounds = np.append(0, np.cumsum(size + 2))
+    points = np.empty((bounds[-1], 2))
+    between = np.ones(len(points), np.bool_)
+    between[bounds[:-1]] = between[bounds[1:] - 1] = False
+    points[bounds[:-1]], points[bounds[1:] - 1] = here[some], there[some]
+    points[between] = ways[np.repeat(asked, np.diff(way_starts))]
+    _shorten(points, bounds[:-1], 1, near)
+    _shorten(points, bounds[1:] - 1, -1, near)
+    real = np.ones(len(points) - 1, np.bool_)
+    real[bounds[1:-1] - 1] = False
+    kept = straight_inside(cover.points, cover.starts, points[:-1], points[1:], real) | ~real
+    whole = np.logical_and.reduceat(np.append(kept, True), bounds[:-1])
+    inside[some] = whole & contains(cover.points, cover.starts, points[bounds[:-1]])
+    return inside
+
+
+def _shorten(points: Array, ends: Array, towards: int, near: float) -> None:
+    """Move the points at `ends` towards the next or last one by `near` mm, half the way at most."""
+    step = points[ends + towards] - points[ends]
+    points[ends] += step * np.minimum(0.5, near / np.maximum(np.linalg.norm(step, axis=1), SAME_PLACE))[:, None]
 
 
 def _wipes(drawn: Drawn, retracted: Array, retraction: Retraction) -> tuple[Array, Array]:
