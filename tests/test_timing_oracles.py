@@ -69,26 +69,27 @@ def test_the_compiled_engine_gives_the_answer_of_linear_programmes_on_twenty_pie
 
 @pytest.mark.slow
 @pytest.mark.skipif(not BENCHY.exists(), reason=f"{BENCHY} is not here")
-def test_the_compiled_engine_gives_the_answer_of_toppra_on_400_pieces_of_a_print():
-    """Within 1e-5. At a few nodes toppra's own tolerance is magnified: there linear programmes decide."""
+def test_the_compiled_engine_gives_the_answer_of_toppra_on_400_pieces_of_a_print(monkeypatch):
+    """Within 1e-6 of the largest x. As it comes, toppra lowers x by TINY = 1e-8 of its unit at each step forwards,
+    which a steep row magnifies at the next node: by up to 3e-4, in proportion to TINY, and linear programmes (above)
+    side with ours. With 1e-11 in its place nothing is left of it."""
+    from toppra.algorithm.reachabilitybased import reachability_algorithm
+
     from cabslice import pipeline
 
     profiles = pipeline.load_profiles("cabfab-optim", None, None, ["motion.max_acceleration_mm_s2=30000"])
     laid = pipeline.to_path(pipeline.read(BENCHY, profiles, pipeline.Placement()))
     given = laid.toolpath, ROBOT, profiles.printer, profiles.material, profiles.process
     ours, theirs = (planner.task_for(*given, engine) for engine in ("compiled", "toppra"))
-    decided = 0
     pieces = np.linspace(0, len(laid.toolpath.starts) - 2, 400).astype(int)
     for some in np.array_split(pieces, 20):
         block = planner.block_of(ours.grid, some)
-        found, reference = (planner._solved(task, block, np.ones(len(block.step))) for task in (ours, theirs))
-        for first, last in zip(block.offsets[:-1], block.offsets[1:], strict=True):
-            part = slice(first, last)
-            if np.abs(found[part] - reference[part]).max() > 1e-5 * reference[part].max():
-                arbiter = reachable(*(column[part] for column in problem(ours, block)), block.step[part])
-                assert np.abs(found[part] - arbiter).max() <= 1e-5 * arbiter.max()
-                decided += 1
-    assert decided <= 12
+        found, whole = planner._solved(ours, block, np.ones(len(block.step))), block.offsets[:-1]
+        for lowered, near in ((1e-8, 1e-3), (1e-11, 1e-6)):
+            monkeypatch.setattr(reachability_algorithm, "TINY", lowered)
+            reference = planner._solved(theirs, block, np.ones(len(block.step)))
+            apart = np.maximum.reduceat(np.abs(found - reference), whole)
+            assert (apart <= near * np.maximum.reduceat(reference, whole)).all()
 
 
 def test_a_straight_line_between_two_tensions_is_driven_in_the_time_of_a_double_integrator():

@@ -361,11 +361,13 @@ def _layers(subject: Subject, worst: Worst) -> None:
 
 
 def _coverage(subject: Subject, worst: Worst) -> None:
-    """No vertex was passed over: each of the moves was entered once, or at the very end lies where the motion ends."""
-    moves = int(subject.toolpath.starts[-1] - subject.toolpath.starts[0])
+    """No vertex was passed over: each of the moves was entered once, or lies where the motion begins or ends."""
+    moves, start = int(subject.toolpath.starts[-1] - subject.toolpath.starts[0]), int(subject.toolpath.starts[0])
+    before = subject.toolpath.xyz[start - 1:max(int(subject.trajectory.move[0]), start)]
     left = subject.toolpath.xyz[int(subject.trajectory.move[-1]):]
-    here = len(left) - 1 if np.linalg.norm(left - left[-1], axis=1).max() <= 2 * MERGED_MM else 0
-    missed, last = abs(moves - 1 - here - worst.vertices), np.array([moves])
+    still = sum(len(run) - 1 for run, end in ((before, before[0]), (left, left[-1]))
+                if np.linalg.norm(run - end, axis=1).max() <= 2 * MERGED_MM)
+    missed, last = abs(moves - 1 - still - worst.vertices), np.array([moves])
     worst.see("missed", np.array([float(missed)]), np.array([0.5]), np.array([subject.trajectory.duration]), last)
 
 

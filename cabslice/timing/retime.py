@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.errors import ImpossibleError
-from cabslice.feasibility.findings import Finding
+from cabslice.errors import ImpossibleError, PoseError
 from cabslice.robot.model import Robot, level_shift, turned
 from cabslice.robot.turning import platform_motion
-from cabslice.robot.usable import usable_tension_max
 from cabslice.timing.grid import Grid, lay_grid
 from cabslice.timing.layers import dwells, paced
 from cabslice.timing.limits import RESERVE, Limits, Nodes, highest_x, limits_of, speed_limit, take_up_cap
 from cabslice.timing.path import DEVIATION, Path, evaluate, smooth, to_corners
 from cabslice.timing.recursion import widened
+from cabslice.timing.refusal import cannot_rest, cannot_run, cannot_time
 from cabslice.timing.rules import Rules, rules_for
 from cabslice.timing.trajectory import Trajectory, nozzle_at, times_between
 from cabslice.toolpath.path import Toolpath
@@ -37,6 +36,7 @@ LEAST_BLEND = 0.5          # of that part is left to blends, however long the wi
 GENTLE = 0.02              # |d1 - d0| of a vertex that averaging cuts by nothing worth looking at
 NEAR, CAUTION = 0.5, 0.95   # mm around a corner (and as far as half a window reaches) with this share of what it stands
 PLACES = 200               # of the path, at which the cables' take-up is looked at
+LOOKS = 9                  # in each interval, for the place at which a cable cannot run
 Progress = Callable[[int, int], None]
 
 
@@ -94,8 +94,12 @@ def plan(
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
     limits = limits_of(printer, material)
-    places = toolpath.xyz[:: len(toolpath.xyz) // PLACES + 1]
-    limits = replace(limits, acceleration=min(limits.acceleration, take_up_cap(robot, limits, places)))
+    places = np.arange(0, len(toolpath.xyz), len(toolpath.xyz) // PLACES + 1)
+    try:
+        cap = take_up_cap(robot, limits, toolpath.xyz[places])
+    except PoseError:
+        raise cannot_run(robot, toolpath, toolpath.xyz[places], places) from None
+    limits = replace(limits, acceleration=min(limits.acceleration, cap))
     corner_mm = PART_OF_CORNER * process.corner_mm
     blend_mm, bend = shared_corner(limits, corner_mm)
     path = smooth(toolpath, blend_mm)
@@ -140,6 +144,15 @@ def block_of(grid: Grid, pieces: Array) -> Block:
 
 def _plan_block(task: Task, block: Block) -> Array:
     """x (nodes of the block,) mm^2/s^2: planned, checked as it will be moved, tightened where a limit is broken."""
+    try:
+        return _tightened(task, block)
+    except PoseError:
+        sigma = (block.sigma[:, None] + block.step[:, None] * np.linspace(0, 1, LOOKS)).ravel()
+        move = np.repeat(block.move, LOOKS)
+        raise cannot_run(task.robot, task.toolpath, evaluate(task.path, move, sigma).q, move) from None
+
+
+def _tightened(task: Task, block: Block) -> Array:
     x, tight = np.empty(len(block.step)), np.ones(len(block.step))
     part, at = block, np.arange(len(x))                    # the pieces still to plan, and their nodes in the block
     for _ in range(ROUNDS):
@@ -160,8 +173,10 @@ def _solved(task: Task, block: Block, tight: Array) -> Array:
     top = widened(_tops(task, block) / tight, block.step, block.offsets, task.limits.window)
     top = np.minimum(top, task.bend / np.maximum(np.linalg.norm(places.d2, axis=1), 1e-9))
     x, margin = task.rules.solve(places, tight, top, block.step, block.offsets)
-    if (margin <= 0).any():
-        raise _cannot_rest(task, block, margin)
+    if not (margin > 0).all():
+        worst = int(np.argmin(np.nan_to_num(margin, nan=-np.inf)))
+        raise cannot_rest(task.robot, task.toolpath, task.path, int(block.move[worst]), float(block.sigma[worst]),
+                          float(margin[worst]))
     return x
 
 
@@ -198,11 +213,11 @@ def _broken(task: Task, block: Block, x: Array) -> Array:
     first, last = np.sqrt(x[start]), np.sqrt(x[start + 1])
     rate, u = (first + last) / 2, (x[start + 1] - x[start]) / (2 * step)
     if not (rate > 0).all():
-        raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
+        raise _cannot_time(task, block, int(start[np.argmin(rate > 0)]))
     sigma = block.sigma[start] + step * (first + rate) / (2 * (first + last))
     share = task.rules.used(nodes_at(task, block.move[start], sigma), u, rate**2) / (1 + SLACK)
     if not np.isfinite(share).all():
-        raise ImpossibleError("The motion cannot be timed: a cable cannot run, or a move is too short to be timed.")
+        raise _cannot_time(task, block, int(start[np.argmin(np.isfinite(share))]))
     factor, bad = np.ones(len(x)), share > 1
     wanted = 1.02 * np.minimum(share[bad], 4.0)
     np.maximum.at(factor, start[bad], wanted)
@@ -210,6 +225,10 @@ def _broken(task: Task, block: Block, x: Array) -> Array:
     if task.limits.window > 0:
         _pull_in(task, block, x, factor)
     return factor
+
+
+def _cannot_time(task: Task, block: Block, node: int) -> ImpossibleError:
+    return cannot_time(task.toolpath, task.path, int(block.move[node]), float(block.sigma[node]))
 
 
 def _pull_in(task: Task, block: Block, x: Array, factor: Array) -> None:
@@ -229,20 +248,6 @@ def _pull_in(task: Task, block: Block, x: Array, factor: Array) -> None:
     high = np.searchsorted(trajectory.time, times + half, side="right")
     for first, last, value in zip(low, high, np.minimum(share[far], 4.0), strict=True):
         np.maximum(factor[first:last], 1.02 * value, out=factor[first:last])
-
-
-def _cannot_rest(task: Task, block: Block, margin: Array) -> ImpossibleError:
-    worst = int(np.argmin(margin))
-    row = block.move[[worst]]
-    layer = int(task.toolpath.layer[row[0]])
-    x, y, z = (float(value) for value in evaluate(task.path, row, block.sigma[[worst]]).q[0])
-    most = usable_tension_max(task.robot)
-    held = f" (the motors hold {most.min():.1f} N for ever)" if (most < task.robot.tension_max).any() else ""
-    sentence = (f"layer {layer}: no cable tensions within bounds{held} hold the platform with the nozzle near "
-                f"x {x:.1f} y {y:.1f} z {z:.1f} mm")
-    finding = Finding("tension", layer, (x, y, z), 0, float(margin[worst]), 0.0, "of the range", sentence,
-                      "move the part towards the middle of the bed or lower its height")
-    return ImpossibleError(sentence, [finding])
 
 
 def _trajectory(task: Task, block: Block, x: Array) -> Trajectory:

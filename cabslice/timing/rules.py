@@ -82,7 +82,7 @@ class ArrayRules:
 
     def solve(self, nodes: Nodes, tight: Array, top: Array, step: Array, offsets: Array) -> tuple[Array, Array]:
         a, b, margin = rows(self.robot, self.limits, nodes)
-        if (margin <= 0).any():
+        if not (margin > 0).all():
             return np.zeros(len(top)), margin
         a, b = a * tight[:, None], b * tight[:, None]
         top = np.minimum(top, winder_speed_x(self.robot, nodes))
