@@ -377,3 +377,15 @@ def _profile_cable(kind):
         motor=Motor(**motor),
         winder=Winder(kind=kind, **COMMON, **TABLES[kind]),
     )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_compiled_angles_are_those_of_the_search_over_all_samples_at_once(name):
+    robot = ROBOTS[name]
+    poses, tension = moves(robot, 3)
+    cable, winders = lengths(robot, poses), robot.winders
+    angle, lever = winder.angles_and_levers(robot, cable, tension)
+    strain = 1 + tension / robot.axial_stiffness
+    goal = winder._constant(robot, winders, None) - winders.advantage * cable / strain
+    np.testing.assert_allclose(angle, winder.searched_angles(robot, goal, strain), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(lever, winder.transmission(winders, angle), rtol=1e-12)

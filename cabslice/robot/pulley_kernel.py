@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from math import atan2, cos, nan, pi, sin, sqrt
 
-from numba import njit
+from cabslice.compiled import compiled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _put(rows, k, i, x, y, z):
     rows[k, i, 0], rows[k, i, 1], rows[k, i, 2] = x, y, z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def place_attachments(poses, attachments, lever, tip):
     """Fill lever = R c_i and tip = p + R c_i (K, m, 3) for poses (K, 6); R by Rodrigues' formula."""
     for k in range(len(poses)):
@@ -34,7 +34,7 @@ def place_attachments(poses, attachments, lever, tip):
                 tip[k, i, j] = poses[k, j] + lever[k, i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def lead_cables(tip, anchors, axes, radii, vectors, numbers):
     """Fill vectors (3, K, m, 3): exit, unit, side; numbers (4, K, m): free, wrap, length, lateral; nan if inside."""
     exit, unit, side = vectors
@@ -65,7 +65,7 @@ def lead_cables(tip, anchors, axes, radii, vectors, numbers):
             numbers[3, k, i] = sine / rho if r > 0 else 1 / free
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def fill_jacobian(unit, lever, rows):
     """Fill rows (K, m, 6) with -[u ; lever x u]."""
     for k in range(unit.shape[0]):

@@ -60,7 +60,9 @@ def unmeasured(wrench: Array, required: Array, tension_min: Array, tension_max: 
     from cabslice.robot.tension_kernel import fill_unbounded
 
     tension, feasible = np.empty((len(wrench), wrench.shape[2])), np.empty(len(wrench), bool)
-    fill_unbounded(np.ascontiguousarray(wrench), np.ascontiguousarray(required), reference, tension, feasible)
+    n = wrench.shape[1]
+    fill_unbounded(np.ascontiguousarray(wrench), np.ascontiguousarray(required), reference, tension, feasible,
+                   np.empty((n + 2, n)))
     feasible &= ((tension >= tension_min) & (tension <= tension_max)).all(axis=1)
     rest = np.flatnonzero(~feasible)
     if len(rest):

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-from numba import njit
+from cabslice.compiled import compiled
 
 WEAK = 1e-8     # a pivot this small beside the largest: nearly singular, left to the careful method
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def fill_unbounded(wrench, required, reference, tension, sound):
+@compiled
+def fill_unbounded(wrench, required, reference, tension, sound, scratch):
     """Fill tension (K, m) with t_0 and sound (K,) with whether W W^T was well enough conditioned to trust it.
 
-    wrench (K, n, m), required (K, n), reference (m,).
+    wrench (K, n, m), required (K, n), reference (m,); scratch (n + 2, n).
     """
     count, n, m = wrench.shape
-    square, missing, size = np.empty((n, n)), np.empty(n), np.empty(n)
+    square, missing, size = scratch[:n], scratch[n], scratch[n + 1]
     for k in range(count):
         w = wrench[k]
         for i in range(n):

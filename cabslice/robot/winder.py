@@ -26,7 +26,7 @@ from cabslice.arrays import Array
 from cabslice.errors import PoseError
 from cabslice.robot.kinematics import lengths as cable_lengths
 from cabslice.robot.model import Robot, WinderColumns
-from cabslice.robot.winder_line import WinderLine, line_at, line_to_pulley
+from cabslice.robot.winder_line import WinderLine, constants, line_at, line_to_pulley
 
 __all__ = [
     "FreeCable", "angle_of", "free_cable", "layer", "line_to_pulley", "loaded_length", "motor_angles", "motor_rates",
@@ -146,9 +146,37 @@ def motor_angles(robot: Robot, lengths: Array, tension: Array, *, home_tension: 
     robot.tension_reference).  Exact inverse of the radius part, Newton for the line to the pulley.
     Raises PoseError outside winders.span, or where the winder reaches its pulley.
     """
+    return _wound_up(robot, lengths, tension, home_tension)[0]
+
+
+def angles_and_levers(robot: Robot, lengths: Array, tension: Array) -> tuple[Array, Array]:
+    """Motor angles (K, m) rad as motor_angles gives, and the transmission (K, m) mm/rad there."""
+    return _wound_up(robot, lengths, tension, None)
+
+
+def _wound_up(robot: Robot, lengths: Array, tension: Array, home_tension: Array | None) -> tuple[Array, Array]:
+    from cabslice.robot.winder_kernel import wind
+
     winders = _winders(robot)
     pieces, strain = _pieces(winders), 1 + _strain(robot, tension)
     goal = _constant(robot, winders, home_tension) - winders.advantage * lengths / strain
+    home = winders.home_angle / winders.gear
+    columns = (winders.gear, winders.advantage, winders.axial, home, robot.pulley_radii, *constants(robot),
+               _line(robot, winders, pieces, home[None])[0].length[0])
+    strain = np.ascontiguousarray(np.broadcast_to(strain, goal.shape))
+    table = np.stack((pieces.phi, pieces.radius, pieces.rate, pieces.slope, pieces.wound))
+    angle, lever = np.empty((2, *goal.shape))
+    wind(goal, strain, table, np.stack(np.broadcast_arrays(*columns), axis=1).astype(float), angle, lever)
+    if np.isnan(angle).any():
+        angle = searched_angles(robot, goal, strain)        # says what is wrong, or takes the longer way
+        lever = transmission(winders, angle)
+    return _check(winders, angle), lever
+
+
+def searched_angles(robot: Robot, goal: Array, strain: Array) -> Array:
+    """Motor angles (K, m) rad where wound + line / strain = goal (K, m) mm, all samples at once. Errors as above."""
+    winders = _winders(robot)
+    pieces = _pieces(winders)
 
     def fault(on: Array) -> tuple[Array, Array]:
         phi = _phi(pieces, on)

@@ -60,6 +60,14 @@ def line_at(robot: Robot, radius: Array, offset: Array) -> WinderLine:
     return WinderLine(*(np.where(known, column, rest) for column, rest in zip(columns, constant, strict=True)))
 
 
+def constants(robot: Robot) -> tuple[Array, Array, Array, Array]:
+    """What line_at needs of each winder, (m,): side, EM squared (nan: centre not known), direction of EM from e, line
+    where the centre is not known."""
+    lean, along, side = _plane(robot)[2:]
+    assert robot.winders is not None
+    return side, lean**2 + along**2, np.arctan2(lean, along), robot.winders.line
+
+
 def touch_points(robot: Robot, radius: Array) -> tuple[Array, Array]:
     """Where the tangent leaves the disc and where it meets the pulley, (K, m, 3) mm each, machine frame."""
     e, centre, _, _, side = _plane(robot)

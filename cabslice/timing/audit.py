@@ -13,73 +13,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
-from cabslice.robot.kinematics import lengths
+from cabslice.robot.kinematics import cables
 from cabslice.robot.model import NEWTON, Robot, nozzle_places
-from cabslice.robot.rotation import matrix
+from cabslice.robot.pulley import CableLines
+from cabslice.robot.rotation import cross, matrix
 from cabslice.robot.tension import unmeasured
 from cabslice.robot.usable import usable_tension_max
-from cabslice.robot.winder import motor_angles, transmission
+from cabslice.robot.winder import angles_and_levers
 from cabslice.robot.wrench import wrench_matrix
 from cabslice.timing.audit_words import ADVICE, SENTENCES, UNITS, UNKEPT
 from cabslice.timing.layers import dwells, layer_spans, least_times
 from cabslice.timing.trajectory import Samples, Trajectory, sample
+from cabslice.timing.worst import ROUNDING, Worst
 from cabslice.toolpath.path import RESTS, Toolpath
 
 STEP_S = 1e-3
-BLOCK_ROWS = 20_000
-ROUNDING = 1e-6             # of a limit: finite differences are not exact
+BLOCK_ROWS = 8_000          # so that what is made of them stays near the processor
 BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
 STILL_MM = 1e-9
 TURN_RAD = 1e-6
 MERGED_MM = 1e-3            # vertices nearer than this may be taken for one
 FINER = 8
-CURED_BY_SLOWING = {
-    "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
-    "motor-speed", "motor-torque",
-}
+WARY = 2.0                  # times a step squared times the acceleration: more than looking finer moves the chords
 Progress = Callable[[int, int], None]
 
-
-
-@dataclass
-class Worst:
-    """Largest share of each limit seen so far, and where: code -> (share, value, limit, time, move, cable)."""
-
-    seen: dict[str, tuple[float, float, float, float, int, int]] = field(default_factory=dict)
-    vertices: int = 0      # passed so far
-    squares: Array | float = 0.0     # (m,) sum of motor torque^2 over `rows` samples, (N m)^2
-    rows: int = 0
-    broken: list[tuple[Array, Array]] = field(default_factory=list)   # times and shares above 1 that slowing down cures
-
-    def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
-        if not len(value):
-            return
-        limit = np.broadcast_to(limit, value.shape)
-        share = np.where(value > 0, value / np.maximum(limit, 1e-300), 0.0)
-        share = np.where(np.isnan(value), np.inf, share)
-        at = int(np.argmax(share))
-        entry = (float(share[at]), float(value[at]), float(limit[at]), float(times[at]), int(move[at]), cable)
-        if code not in self.seen or not entry[0] <= self.seen[code][0]:
-            self.seen[code] = entry
-        if code in CURED_BY_SLOWING and not entry[0] <= 1 + ROUNDING:
-            over = ~(share <= 1 + ROUNDING)
-            self.broken.append((times[over], share[over]))
-
-    def merge(self, other: Worst) -> None:
-        self.vertices += other.vertices
-        self.squares, self.rows = self.squares + other.squares, self.rows + other.rows
-        self.broken += other.broken
-        for code, entry in other.seen.items():
-            if code not in self.seen or not entry[0] <= self.seen[code][0]:
-                self.seen[code] = entry
 
 
 @dataclass(frozen=True)
@@ -146,9 +111,10 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     place = nozzle_places(subject.robot, seen.poses)
     accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
     worst = Worst()
-    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses)
+    lines = cables(subject.robot, seen.poses[1:-1])
+    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses, lines)
     _turns(subject, worst, times, seen, place)
-    _motors(subject, worst, times[2:-2], seen.move[2:-2], seen.poses[1:-1], tension)
+    _motors(subject, worst, times[2:-2], seen.move[2:-2], lines.length, tension)
     times, place, move, fed, accel = times[1:-1], place[1:-1], seen.move[1:-1], seen.filament[1:-1], accel[1:-1]
     now, at = times[1:-1], move[1:-1]
     around = np.stack((move[:-2], move[1:-1], move[2:]))
@@ -157,7 +123,7 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     _feeding(subject, worst, now, at, around, fed)
     off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
-    _vertices(subject, worst, times, move, float(np.linalg.norm(accel, axis=1).max()))
+    _vertices(subject, worst, times, place, move, float(np.linalg.norm(accel, axis=1).max()))
     return worst
 
 
@@ -202,19 +168,21 @@ def _turns(subject: Subject, worst: Worst, times: Array, seen: Samples, place: A
 
 def _needed(robot: Robot, poses: Array, step: float) -> Array:
     """(K, 6) N, N mm: what holds the platform at the inner ones of poses (K + 2, 6), step s apart, by differences."""
+    if not poses[:, 3:].any():
+        accel = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) / step**2
+        force = robot.mass * (accel - robot.gravity) * NEWTON
+        return np.hstack((force, cross(robot.centre_of_mass, force)))
     turn = matrix(poses[:, 3:])
     centre = poses[:, :3] + turn @ robot.centre_of_mass
     accel = (centre[2:] - 2 * centre[1:-1] + centre[:-2]) / step**2
     force = robot.mass * (accel - robot.gravity) * NEWTON
     moment = np.cross(turn[1:-1] @ robot.centre_of_mass, force)
-    if poses[:, 3:].any():
-        back = turn[1:-1].swapaxes(1, 2)
-        spin = _axial((turn[2:] - turn[:-2]) @ back) / (2 * step)
-        spun = _axial((turn[2:] - 2 * turn[1:-1] + turn[:-2]) @ back) / step**2
-        inertia = turn[1:-1] @ robot.inertia @ back
-        torque = np.einsum("kij,kj->ki", inertia, spun) + np.cross(spin, np.einsum("kij,kj->ki", inertia, spin))
-        moment = moment + NEWTON * torque
-    return np.hstack((force, moment))
+    back = turn[1:-1].swapaxes(1, 2)
+    spin = _axial((turn[2:] - turn[:-2]) @ back) / (2 * step)
+    spun = _axial((turn[2:] - 2 * turn[1:-1] + turn[:-2]) @ back) / step**2
+    inertia = turn[1:-1] @ robot.inertia @ back
+    torque = np.einsum("kij,kj->ki", inertia, spun) + np.cross(spin, np.einsum("kij,kj->ki", inertia, spin))
+    return np.hstack((force, moment + NEWTON * torque))
 
 
 def _axial(matrices: Array) -> Array:
@@ -223,12 +191,12 @@ def _axial(matrices: Array) -> Array:
     return np.stack((odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]), axis=1)
 
 
-def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array) -> Array:
+def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array, lines: CableLines) -> Array:
     """Tensions (K, m) that hold the platform on the motion, poses around (K + 2, 6), exist within the bounds: found,
     then verified on the spot; nan where not."""
     robot, poses = subject.robot, around[1:-1]
     required = _needed(robot, around, subject.step)
-    wrench, free = wrench_matrix(robot, poses), robot.freedoms
+    wrench, free = wrench_matrix(robot, poses, lines=lines), robot.freedoms
     highest = usable_tension_max(robot)
     bounds = robot.tension_min, highest, robot.tension_reference
     found = unmeasured(wrench[:, free], required[:, free], *bounds)
@@ -238,29 +206,30 @@ def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array
     held = found.feasible & (missing[:, free] <= BALANCE * robot.tension_max.max()).all(axis=1)
     half, middle = (highest - robot.tension_min) / 2, (highest + robot.tension_min) / 2
     share = np.where(held[:, None], np.abs(found.tension - middle) / half, np.inf)
-    for cable in range(robot.cables):
-        worst.see("tension", share[:, cable], np.ones(len(now)), now, at, cable + 1)
+    worst.see_cables("tension", share, np.ones(robot.cables), now, at)
     return np.where(held[:, None], found.tension, np.nan)
 
 
-def _motors(subject: Subject, worst: Worst, now: Array, at: Array, poses: Array, tension: Array) -> None:
-    """Speed and torque of the motors by differences of their angles at poses (K + 2, 6) under tension (K + 2, m), the
-    take-up of what the cables stretch included; rows without tensions were found already."""
+def _motors(subject: Subject, worst: Worst, now: Array, at: Array, length: Array, tension: Array) -> None:
+    """Speed and torque of the motors by differences of their angles at cable lengths (K + 2, m) under tension
+    (K + 2, m), the take-up of what the cables stretch included; rows without tensions were found already."""
     robot, winders, step = subject.robot, subject.robot.winders, subject.step
     known: Array = np.isfinite(tension.sum(axis=1))
-    whole = known[2:] & known[1:-1] & known[:-2]
-    if winders is None or not whole.any():
+    whole: Any = known[2:] & known[1:-1] & known[:-2]
+    if winders is None or not np.any(whole):
         return
-    pull = np.where(known[:, None], tension, robot.tension_reference)
-    angle = motor_angles(robot, lengths(robot, poses), pull)
+    pull = tension
+    if known.all():
+        whole = slice(None)                                            # spares copies
+    else:
+        pull = np.where(known[:, None], tension, robot.tension_reference)
+    angle, lever = angles_and_levers(robot, length, pull)
     speed = (angle[2:] - angle[:-2])[whole] / (2 * step)
     spin = (angle[2:] - 2 * angle[1:-1] + angle[:-2])[whole] / step**2
-    torque = transmission(winders, angle[1:-1][whole]) * pull[1:-1][whole]
+    torque = (lever * pull)[1:-1][whole]
     torque = (torque + winders.inertia * spin * NEWTON + winders.friction * np.sign(speed)) * 1e-3
-    for cable in range(robot.cables):
-        limits = winders.max_speed[cable], winders.peak_torque[cable] * 1e-3
-        for code, value, limit in zip(("motor-speed", "motor-torque"), (speed, torque), limits, strict=True):
-            worst.see(code, np.abs(value[:, cable]), np.full(len(value), limit), now[whole], at[whole], cable + 1)
+    worst.see_cables("motor-speed", np.abs(speed), winders.max_speed, now[whole], at[whole])
+    worst.see_cables("motor-torque", np.abs(torque), winders.peak_torque * 1e-3, now[whole], at[whole])
     worst.squares, worst.rows = worst.squares + np.einsum("km,km->m", torque, torque), worst.rows + len(torque)
 
 
@@ -287,21 +256,25 @@ def _to_segment(point: Array, start: Array, end: Array) -> Array:
     return np.linalg.norm(point - start - np.clip(share, 0, 1)[:, None] * along, axis=1)
 
 
-def _vertices(subject: Subject, worst: Worst, times: Array, move: Array, fastest: float) -> None:
+def _vertices(subject: Subject, worst: Worst, times: Array, place: Array, move: Array, fastest: float) -> None:
     """Every vertex passed between two samples lies within the corner tolerance of the motion there, looked at
-    FINER times as often. fastest: largest acceleration, mm/s^2, which bounds the bulge between two looks."""
-    pair = np.arange(1, len(times) - 1)
-    count = move[pair + 1] - move[pair]
-    pair = np.repeat(pair, count)
+    FINER times as often where it could be the worst of them or too far away. fastest: largest acceleration, mm/s^2,
+    which bounds the bulge between two looks; place (K, 3): the nozzle in bed coordinates."""
+    count = np.diff(move)[1:]
+    pair = np.repeat(np.arange(1, len(times) - 1), count)
     ahead = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
     vertex = subject.toolpath.xyz[move[pair] + ahead]
+    worst.vertices += len(pair)
+    off = _to_segment(vertex, place[pair], place[pair + 1])
+    least = min(float(off.max(initial=0.0)), subject.process.corner_mm) - 2 * WARY * fastest * subject.step**2
+    far = off >= least
+    pair, vertex = pair[far], vertex[far]
     looks = times[pair, None] + subject.step * np.linspace(0, 1, FINER + 1)
     place = nozzle_places(subject.robot, sample(subject.trajectory, looks.ravel()).poses)
     place = place.reshape(len(pair), FINER + 1, 3)
     off = np.min([_to_segment(vertex, place[:, k], place[:, k + 1]) for k in range(FINER)], axis=0)
     bulge = fastest * (subject.step / FINER) ** 2 / 4
     worst.see("vertex", np.maximum(off - bulge - PLACE_MM, 0), subject.process.corner_mm, times[pair], move[pair])
-    worst.vertices += len(pair)
 
 
 def _ends(subject: Subject) -> Worst:

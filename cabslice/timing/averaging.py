@@ -9,8 +9,9 @@ Legend
     q, s, f    nozzle position (mm), path parameter (mm), filament fed (mm);   x, u   (ds/dt)^2 and d2s/dt2 of the plan
     mean of q  its first derivative is (q(t + w/2) - q(t - w/2)) / w, its second that of the velocities
 
-Within a blend q is of degree 4 in s and s of degree 2 in t: five Gauss points are exact; on straights two are. All
-sums are local to the window: an integral from the start of a piece would lose the digits that finite differences see.
+On straights the sums are closed. Within a blend q is of degree 4 in s and s of degree 2 in t: five Gauss points are
+exact. All sums are local to the window: an integral from the start of a piece would lose the digits that finite
+differences see.
 """
 
 from __future__ import annotations
@@ -18,20 +19,26 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 
 from cabslice.arrays import Array
+from cabslice.compiled import compiled
 from cabslice.timing.path import Path
 
-FIVE = tuple(np.concatenate([column / 2 + shift for column, shift in zip(
-    np.polynomial.legendre.leggauss(5), (0.5, 0.0), strict=True)]).tolist())      # places and weights on [0, 1]
-TWO = (0.5 - sqrt(1 / 12), 0.5 + sqrt(1 / 12), 0.5, 0.5)
+PLACES, WEIGHTS = (tuple((column / 2 + shift).tolist()) for column, shift in zip(
+    np.polynomial.legendre.leggauss(5), (0.5, 0.0), strict=True))                 # of five points on [0, 1]
+NEAR = 8        # intervals to look through one by one before bisecting
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _node_before(time, at, first, last):
-    """The interval (its first node) that holds the time `at`, by bisection within the piece."""
+@compiled
+def _node_before(time, at, near, first, last):
+    """The interval (its first node) of a piece that holds the time `at`: soon after `near`, or found by bisection."""
     low, high = first, last
+    if first <= near < last and time[near] <= at:
+        low = near
+        while low + 1 < last and low < near + NEAR and time[low + 1] <= at:
+            low += 1
+        if low < near + NEAR:
+            return low
     while high - low > 1:
         middle = (low + high) // 2
         if time[middle] <= at:
@@ -41,7 +48,7 @@ def _node_before(time, at, first, last):
     return low
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _curve(vertex, direction, length, half, before, follow, move, sigma, out):
     """q, q', q'' into out (9,) at sigma mm into a move (timing.path); True where it bends."""
     after = sigma - length[move]
@@ -61,87 +68,95 @@ def _curve(vertex, direction, length, half, before, follow, move, sigma, out):
     return h > 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _place(time, s, x, node, at):
-    """s, its rate and u at a time within the interval that starts at `node`."""
-    rate, span, passed = sqrt(x[node]), s[node + 1] - s[node], at - time[node]
-    u = (x[node + 1] - x[node]) / (2.0 * span)
-    return s[node] + min(passed * (rate + 0.5 * u * passed), span), max(rate + u * passed, 0.0), u
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _state(path, plan, node, at, rests, out):
-    """q, velocity, acceleration (9,), s, f and df/dt of the plan at a time within the interval at `node`."""
+    """q, velocity, acceleration, s, f and df/dt (12,) of the plan at a time within the interval at `node`."""
     vertex, direction, length, begin, half, feed, filament, before, after = path
     time, s, x, move = plan
-    place, rate, u = _place(time, s, x, node, at)
+    row, passed, span = move[node], at - time[node], s[node + 1] - s[node]
+    rate, u = sqrt(x[node]), (x[node + 1] - x[node]) / (2.0 * span)
+    place = s[node] + min(passed * (rate + 0.5 * u * passed), span)
+    rate = max(rate + u * passed, 0.0)
     if rests:
         rate, u = 0.0, 0.0
-    into = min(max(place - begin[move[node]], 0.0), length[move[node]])
-    _curve(vertex, direction, length, half, before, after, move[node], into, out)
+    into = min(max(place - begin[row], 0.0), length[row])
+    _curve(vertex, direction, length, half, before, after, row, into, out)
     for axis in range(3):
         out[6 + axis] = out[3 + axis] * u + out[6 + axis] * rate * rate
         out[3 + axis] *= rate
-    return place, filament[move[node]] + feed[move[node]] * into, feed[move[node]] * rate
+    out[9], out[10], out[11] = place, filament[row] + feed[row] * into, feed[row] * rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add(path, plan, node, start, until, base, gauss, total, out):
-    """Add to total (5,) the integral over [start, until], within one interval, of q, s and f less base (5,)."""
-    points = len(gauss) // 2
-    for k in range(points):
-        at = start + gauss[k] * (until - start)
-        place, fed, _ = _state(path, plan, node, at, False, out)
-        weight = gauss[points + k] * (until - start)
-        for axis in range(3):
-            total[axis] += weight * (out[axis] - base[axis])
-        total[3] += weight * (place - base[3])
-        total[4] += weight * (fed - base[4])
+@compiled
+def _add(path, plan, node, start, until, total):
+    """Add to total (5,) the integral over [start, until], within the interval at `node`, of q, s and f less what they
+    are at `start`. Intervals do not straddle the ends of blends."""
+    _, direction, length, begin, half, feed, _, before, after = path
+    time, s, x, move = plan
+    row, passed, took, span = move[node], start - time[node], until - start, s[node + 1] - s[node]
+    rate, u = sqrt(x[node]), (x[node + 1] - x[node]) / (2.0 * span)
+    run, rate = passed * (rate + 0.5 * u * passed), rate + u * passed
+    way = took * took * (0.5 * rate + u * took / 6.0)
+    middle, corner, h = s[node] + 0.5 * span - begin[row], row, 0.0
+    if middle < half[before[row]]:
+        corner = before[row]
+        h = half[corner]
+        run += s[node] - begin[row]
+    elif length[row] - middle < half[row]:
+        h = half[row]
+        run += s[node] - begin[row] - length[row]
+    bend = 0.0
+    if h > 0.0:
+        since = 0.5 * (run + h) / h
+        base = since * since * since * (1.0 - 0.5 * since)
+        for k in range(5):
+            at = took * PLACES[k]
+            t = since + 0.5 * at * (rate + 0.5 * u * at) / h
+            bend += WEIGHTS[k] * (t * t * t * (1.0 - 0.5 * t) - base)
+        bend *= 2.0 * h * took
+    for axis in range(3):
+        leaving = direction[corner, axis]
+        total[axis] += way * leaving + bend * (direction[after[corner], axis] - leaving)
+    total[3] += way
+    total[4] += way * feed[row]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _bends(path, plan, node):
-    """Whether the interval at `node` lies in a blend: intervals do not straddle the ends of blends."""
-    _, _, length, begin, half, _, _, before, _ = path
-    _, s, _, move = plan
-    sigma = 0.5 * (s[node] + s[node + 1]) - begin[move[node]]
-    return sigma < half[before[move[node]]] or length[move[node]] - sigma < half[move[node]]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _moved(path, plan, first, last, times, window, motion, place, fed, feed):
+@compiled
+def _moved(path, plan, first, last, times, window, motion, scratch):
     time = plan[0]
-    low, high, base, total = np.empty(9), np.empty(9), np.empty(5), np.empty(5)
+    low, high, total, node = scratch[0], scratch[1], scratch[2], 0
     for k in range(len(times)):
         begin, finish = time[first[k]], time[last[k]]
         since, until = times[k] - 0.5 * window, times[k] + 0.5 * window
         start, end = min(max(since, begin), finish), min(max(until, begin), finish)
-        node = _node_before(time, start, first[k], last[k])
-        base[3], base[4], feed0 = _state(path, plan, node, start, since <= begin or since >= finish, low)
+        node = _node_before(time, start, node, first[k], last[k])
+        out = motion[k]
+        _state(path, plan, node, start, since <= begin or since >= finish, out)
         if window <= 0.0:
-            motion[k], place[k], fed[k], feed[k] = low, base[3], base[4], feed0
             continue
-        base[:3] = low[:3]
-        final = _node_before(time, end, first[k], last[k])
-        s1, fed1, _ = _state(path, plan, final, end, until >= finish or until <= begin, high)
+        final = _node_before(time, end, node, first[k], last[k])
+        _state(path, plan, final, end, until >= finish or until <= begin, high)
+        out[11] = (high[10] - out[10]) / window
         for axis in range(3):
-            motion[k, 3 + axis] = (high[axis] - low[axis]) / window
-            motion[k, 6 + axis] = (high[3 + axis] - low[3 + axis]) / window
-        feed[k] = (fed1 - base[4]) / window
+            out[6 + axis] = (high[3 + axis] - out[3 + axis]) / window
+            out[3 + axis] = (high[axis] - out[axis]) / window
         rest = until - max(since, finish) if until > finish else 0.0
-        for axis in range(3):
-            total[axis] = rest * (high[axis] - base[axis])
-        total[3], total[4] = rest * (s1 - base[3]), rest * (fed1 - base[4])
+        for axis in range(5):
+            place = axis if axis < 3 else 6 + axis
+            total[axis] = rest * (high[place] - out[place])
+        at = node
         while start < end:
-            stop = end if node + 1 >= last[k] else min(time[node + 1], end)
-            if _bends(path, plan, node):
-                _add(path, plan, node, start, stop, base, FIVE, total, low)
-            else:
-                _add(path, plan, node, start, stop, base, TWO, total, low)
-            start, node = stop, node + 1
-        for axis in range(3):
-            motion[k, axis] = base[axis] + total[axis] / window
-        place[k], fed[k] = base[3] + total[3] / window, base[4] + total[4] / window
+            stop = end if at + 1 >= last[k] else min(time[at + 1], end)
+            if at > node:
+                _state(path, plan, at, start, False, low)
+                for axis in range(5):
+                    place = axis if axis < 3 else 6 + axis
+                    total[axis] += (stop - start) * (low[place] - out[place])
+            _add(path, plan, at, start, stop, total)
+            start, at = stop, at + 1
+        for axis in range(5):
+            place = axis if axis < 3 else 6 + axis
+            out[place] += total[axis] / window
 
 
 def moved(
@@ -153,8 +168,8 @@ def moved(
     plan: time, s, x, move (G,) of the nodes (trajectory.Trajectory); first, last (K,) the nodes that bound the piece
     each time lies in.
     """
-    motion, place, fed, feed = np.empty((len(times), 9)), *np.empty((3, len(times)))
+    motion = np.empty((len(times), 12))
     columns = (path.vertex, path.direction, path.length, path.start, path.half, path.feed, path.filament, path.before,
                path.after)
-    _moved(columns, plan, first, last, np.ascontiguousarray(times, float), window, motion, place, fed, feed)
-    return motion, place, fed, feed
+    _moved(columns, plan, first, last, np.ascontiguousarray(times, float), window, motion, np.empty((3, 12)))
+    return motion[:, :9], motion[:, 9], motion[:, 10], motion[:, 11]
