@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from timing_cases import polyline
+from robots import cabfab_optim
+from timing_cases import MATERIAL, PRINTER, PROCESS, polyline
 
 from cabslice.timing.grid import lay_grid
 from cabslice.timing.path import deviation, evaluate, smooth
+from cabslice.timing.retime import plan
+from cabslice.timing.trajectory import sample
 
 CORNER = 0.05
 
@@ -92,3 +95,21 @@ def test_the_grid_covers_every_move_without_gap_or_overlap(seed, count):
         np.testing.assert_array_equal(grid.low[inside][1:], grid.high[inside][:-1])
     assert (np.diff(grid.move) >= 0).all()
     np.testing.assert_array_equal(grid.move[grid.intervals[:-1]], toolpath.starts[:-1])
+
+
+@pytest.mark.parametrize(("facets", "radius"), [(720, 50.0), (90, 20.0), (48, 10.0)])
+def test_facets_of_a_round_wall_are_run_as_the_circle_they_stand_for(facets, radius):
+    """At the speed asked for, with at most half as much again as the acceleration of the circle, and never outside."""
+    angle = np.linspace(0, 2 * np.pi, facets + 1)
+    points = np.stack((radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 20.0)), axis=1)
+    toolpath = polyline(points=points, pieces=1, speed=60.0)
+    trajectory = plan(toolpath, cabfab_optim(), PRINTER, MATERIAL, PROCESS)
+    times = np.arange(0.1, trajectory.duration - 0.1, 1e-3)
+    seen = sample(trajectory, times)
+    speed, accel = (np.linalg.norm(column[:, :3], axis=1) for column in (seen.rates, seen.accels))
+    assert speed.max() <= 60.0 * (1 + 1e-9)
+    assert speed.min() >= 60.0 * np.cos(np.pi / facets) - 0.1            # where the curve cuts a vertex
+    assert accel.max() <= 1.51 * 60.0**2 / radius
+    away = np.hypot(*(seen.poses[:, :2] - trajectory.to_pose[:2]).T)
+    assert np.abs(away - radius).max() <= CORNER + radius * (1 - np.cos(np.pi / facets))
+    assert away.max() <= radius + 1e-9
