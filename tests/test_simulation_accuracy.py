@@ -41,7 +41,7 @@ def test_what_it_costs_is_told(capsys, tmp_path):
     sentence = next(line for line in told["verdict"]["checked"] if "elastic" in line)
     assert code == 0
     assert "times the time; without the bound" in sentence
-    assert told["verdict"]["margins"]["accuracy_softer_um"] >= 0
+    assert told["verdict"]["margins"]["accuracy_wrong_um"] >= 0
 
 
 @pytest.mark.slow

@@ -52,7 +52,7 @@ def compare(seeds):
     for seed in seeds:
         path = polyline(seed, 6, speed=200.0, pieces=1)
         task = planner.task_for(path, ROBOT, PRINTER, MATERIAL, PROCESS, "compiled")
-        (block,) = planner.blocks_of(task.grid)
+        (block,) = planner.blocks_of(task.grid, np.arange(len(task.grid.intervals) - 1))
         ours = planner._solved(task, block, np.ones(len(block.step)))
         oracle = reachable(*problem(task, block), block.step)
         np.testing.assert_allclose(ours, oracle, rtol=1e-9, atol=1e-9 * oracle.max())
@@ -98,7 +98,7 @@ def test_a_straight_line_between_two_tensions_is_driven_in_the_time_of_a_double_
     path = polyline(points=[[-0.05, 0, 100], [0.05, 0, 100]], pieces=1, speed=5000.0)
     swift = _with(PRINTER, max_speed_mm_s=5000.0, smoothing_ms=0.0)
     task = planner.task_for(replace(path, filament=np.zeros(2)), ROBOT, swift, MATERIAL, PROCESS, "compiled")
-    (block,) = planner.blocks_of(task.grid)
+    (block,) = planner.blocks_of(task.grid, np.arange(len(task.grid.intervals) - 1))
     x = planner._solved(task, block, np.ones(len(block.step)))
     a, b, _ = problem(task, block)
     assert np.abs(b).max() * x.max() < 1e-2

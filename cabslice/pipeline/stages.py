@@ -171,40 +171,40 @@ def proven(
     laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1
 ) -> tuple[Planned, Verdict]:
     """The motion with the audit that it passes, slowed where the audit asked for it, or fails."""
-    from cabslice.simulation.accuracy import window_s
     from cabslice.timing.proof import plan_proven
 
     laid = with_ends(laid)
-    path, robot, printer, *others = _given(laid)
+    printer = profiles_of(laid.origin).printer
     assert printer.motion is not None
-    plain = printer.motion
-
-    def make(limit: float | None) -> tuple[Any, Verdict]:
-        motion = plain if limit is None else plain.model_copy(
-            update={"max_acceleration_mm_s2": limit, "smoothing_ms": 1e3 * window_s(robot, plain.smoothing_ms / 1e3)})
-        return plan_proven(
-            path, robot, printer.model_copy(update={"motion": motion}), *others, engine=engine, jobs=jobs,
-            planning=partial(progress, "plan"), auditing=partial(progress, "audit"),
-        )
-
-    trajectory, verdict = make(None) if plain.accuracy_um is None else _accurate(laid, make, progress)
+    if printer.motion.accuracy_um is not None:
+        trajectory, verdict = _accurate(laid, printer.motion.accuracy_um / 1e3, progress, engine, jobs)
+    else:
+        trajectory, verdict = plan_proven(*_given(laid), engine=engine, jobs=jobs, planning=partial(progress, "plan"),
+                                          auditing=partial(progress, "audit"))
     return Planned(laid.origin, laid.toolpath, trajectory), verdict
 
 
-def _accurate(laid: Laid, make: Callable[[float | None], Any], progress: Progress) -> tuple[Any, Verdict]:
-    """The motion that keeps motion.accuracy_um in simulation."""
+def _accurate(laid: Laid, asked_mm: float, progress: Progress, engine: str, jobs: int) -> tuple[Any, Verdict]:
+    """The motion that keeps the accuracy asked for in simulation."""
     from cabslice.simulation import accuracy
+    from cabslice.simulation.calm import Calming
+    from cabslice.timing.proof import proven as proof
+    from cabslice.timing.retime import task_for
 
-    printer, robot, period = profiles_of(laid.origin).printer, robot_of(laid), period_of(laid)
-    assert printer.motion is not None
-    asked = (printer.motion.accuracy_um or 0.0) / 1e3
+    given, robot, period = _given(laid), robot_of(laid), period_of(laid)
+    printer = profiles_of(laid.origin).printer
 
     def judged(trajectory: Any) -> Any:
         stream = stream_of(Planned(laid.origin, laid.toolpath, trajectory), {}, period)
-        given = accuracy.cases(stream, robot, printer, asked)
-        return accuracy.judge(stream, robot, given, laid.toolpath.layer, partial(progress, "simulate"))
+        cases = accuracy.cases(stream, robot, printer, asked_mm)
+        return accuracy.judge(stream, robot, cases, laid.toolpath.layer, partial(progress, "simulate"))
 
-    return accuracy.within(make, judged, printer.motion.max_acceleration_mm_s2, laid.toolpath.layer)
+    def prove(trajectory: Any) -> tuple[Any, Verdict]:
+        return proof(trajectory, *given, jobs=jobs, auditing=partial(progress, "audit"))
+
+    calming = Calming(task_for(*given, engine), partial(accuracy.wrong_ones, robot), jobs=jobs,
+                      progress=partial(progress, "calm"))
+    return accuracy.within(calming, prove, judged, asked_mm, laid.toolpath.layer)
 
 
 def planned(laid: Laid, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1) -> Planned:

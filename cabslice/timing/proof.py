@@ -32,6 +32,15 @@ def plan_proven(
     """
     given = toolpath, robot, printer, material, process
     trajectory = plan(*given, engine=engine, jobs=jobs, progress=planning)
+    return proven(trajectory, *given, jobs=jobs, auditing=auditing)
+
+
+def proven(
+    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    *, jobs: int = 1, auditing: Progress | None = None,
+) -> tuple[Trajectory, Verdict]:
+    """A planned motion, slowed where its audit asks for it, and the verdict; as plan_proven."""
+    given = toolpath, robot, printer, material, process
     for _ in range(ROUNDS):
         verdict, times, shares = examine(trajectory, *given, jobs=jobs, progress=auditing)
         if not len(times):

@@ -56,6 +56,7 @@ class Task:
     ahead: Array        # (N,) mm from the end of each move on to the next one
     tops: tuple[Array, Array]   # (I,) mm^2/s^2 at the start and the end of every interval
     rules: Rules
+    calm: Array | None = None   # (N,) share of the acceleration that each move may have; all of it
 
 
 @dataclass(frozen=True)
@@ -81,15 +82,24 @@ def plan(
     Raises ImpossibleError where the platform cannot even rest on the path. Source: Pham & Pham 2018.
     """
     task = task_for(toolpath, robot, printer, material, process, engine)
-    blocks = list(blocks_of(task.grid))
-    speeds: list[Array] = []
+    return timed(task, speeds_of(task, np.arange(len(toolpath.starts) - 1), jobs=jobs, progress=progress))
+
+
+def speeds_of(task: Task, pieces: Array, *, jobs: int = 1, progress: Progress | None = None) -> Array:
+    """x (G,) mm^2/s^2 at the nodes of pieces (B,), in their order. Arguments and errors as `plan`."""
+    blocks, speeds = list(blocks_of(task.grid, pieces)), [np.zeros(0)]
     with ThreadPoolExecutor(jobs) as pool:
         for block, x in zip(blocks, pool.map(lambda block: _plan_block(task, block), blocks), strict=True):
             speeds.append(x)
             if progress:
-                progress(int(block.pieces[-1]) + 1, len(toolpath.starts) - 1)
-    everything = block_of(task.grid, np.arange(len(toolpath.starts) - 1))
-    return paced(_trajectory(task, everything, np.concatenate(speeds)), toolpath)
+                progress(int(block.pieces[-1]) + 1, len(task.toolpath.starts) - 1)
+    return np.concatenate(speeds)
+
+
+def timed(task: Task, x: Array) -> Trajectory:
+    """The motion with x (G,) at the nodes of all pieces; layers are as long as asked."""
+    everything = block_of(task.grid, np.arange(len(task.toolpath.starts) - 1))
+    return paced(_trajectory(task, everything, x), task.toolpath)
 
 
 def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
@@ -118,13 +128,13 @@ def shared_corner(limits: Limits, corner_mm: float) -> tuple[float, float]:
     return blend_mm, (corner_mm - blend_mm) / cut
 
 
-def blocks_of(grid: Grid) -> Iterator[Block]:
-    """Runs of pieces of about BLOCK_NODES nodes."""
-    first, intervals = 0, grid.intervals
-    while first < len(intervals) - 1:
-        last = int(np.searchsorted(intervals, intervals[first] + BLOCK_NODES, side="right")) - 1
+def blocks_of(grid: Grid, pieces: Array) -> Iterator[Block]:
+    """Runs of pieces (B,) of about BLOCK_NODES nodes."""
+    first, upto = 0, np.concatenate(([0], np.cumsum(np.diff(grid.intervals)[pieces])))
+    while first < len(pieces):
+        last = int(np.searchsorted(upto, upto[first] + BLOCK_NODES, side="right")) - 1
         last = max(last, first + 1)
-        yield block_of(grid, np.arange(first, last))
+        yield block_of(grid, pieces[first:last])
         first = last
 
 
@@ -191,6 +201,8 @@ def nodes_at(task: Task, move: Array, sigma: Array) -> Nodes:
     away = np.minimum(sigma + task.behind[move], task.path.length[move] - sigma + task.ahead[move])
     near = away < NEAR + task.speed[move] * task.limits.window / 2
     most = np.where(near, min(task.limits.acceleration, CAUTION * task.bend), task.limits.acceleration)
+    if task.calm is not None:
+        most = most * task.calm[move]
     robot, nozzle = task.robot, (motion.q, motion.d1, motion.d2)
     platform = platform_motion(robot.turning, robot.nozzle, level_shift(robot), *nozzle)
     return Nodes(*platform, task.path.feed[move], most, nozzle[1:] if robot.turning is not None else None)
