@@ -33,7 +33,7 @@ def drawings():
     return {
         "tensions": charts.tensions(TIME, tension, (1, 90)), "profile": charts.velocity_profile(TIME, TIME, 2 * TIME),
         "map": charts.error_map(np.random.default_rng(0).normal(size=(500, 2)), np.arange(500.0)),
-        "ballbar": charts.ballbar(angle, 100 + 0.02 * np.cos(2 * angle), 100.0),
+        "ballbar": charts.ballbar({"one": (angle, 100 + 0.02 * np.cos(2 * angle))}, 100.0),
         "volcano": charts.height_map(x, x, volcano),
         "histogram": charts.histogram([0, 1, 2], [0.25, 0.75], "speed, mm/s"),
         "bars": charts.bars({"a": 1.0, "b": 3.0}, "time, min"),

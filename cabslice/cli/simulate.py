@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cabslice.simulation.plant import Plant
 
 SLACK_N = 1e-6
+MOST_DOTS = 30_000
 AXES = (("x", "y", "z"), ("psi", "theta", "phi"))
 
 
@@ -63,6 +64,33 @@ class Circle:
             raise UsageError("--circle needs --time, the seconds it takes.")
         return circle(self.circle, np.array([*self.centre, self.centre_z]), self.time, law=self.law,
                       period_s=period_s, backwards=self.backwards)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The picture asked for, if any."""
+
+    png: str | None
+    layer: int | None
+    overwrite: bool
+
+    def map(self, title: str, run: Any, layers: Array) -> None:
+        """Errors of the rows that lay filament, from above. Raises UsageError where there are none."""
+        if self.png is None:
+            return
+        import numpy as np
+
+        from cabslice.view import charts
+
+        rows = np.flatnonzero(run.laying if self.layer is None else run.laying & (layers == self.layer))
+        if not len(rows):
+            raise UsageError("There is no bead to draw.")
+        error = 1e3 * run.distance[rows]
+        step = -(-len(rows) // MOST_DOTS)                                    # of each stretch the worst
+        kept = np.array([k + int(error[k:k + step].argmax()) for k in range(0, len(rows), step)])
+        where = "" if self.layer is None else f", layer {self.layer}"
+        figure = charts.error_map(run.wanted[rows[kept], :2], error[kept], unit="um", title=title + where)
+        charts.save(figure, self.png, overwrite=self.overwrite)
 
 
 circling = options._gather("built_in", Circle, {
@@ -110,6 +138,14 @@ circling = options._gather("built_in", Circle, {
 @click.option("--draws", type=click.IntRange(0, 10000), default=50, show_default=True,
               help="Of --sensitivity: random robots, as wrong as --for-um allows each group, together.")
 @click.option("--seed", type=click.IntRange(0, 2**32), default=0, show_default=True, help="Of the random robots.")
+@click.option("--budget", is_flag=True,
+              help="Of FILE: what the error is made of, each cause switched on alone; with --path by feature.")
+@click.option("--covariance", metavar="FILE.json",
+              help="Of --budget: {\"parameters\": [names of --sensitivity], \"covariance\": [[...]]} of a calibration, "
+                   "mm and %.")
+@click.option("--png", metavar="FILE.png|.svg",
+              help="Draw it: of FILE the errors from above, of --circle both ways as a ballbar shows them.")
+@click.option("--layer", type=click.IntRange(0), help="Of --png: this layer only.")
 @click.option("--reference", is_flag=True, help="Integrate FILE to 1e-10 mm a step instead of 1e-6 mm.")
 @door.output
 @options.talk
@@ -117,7 +153,8 @@ def simulate(
     file: str | None, built_in: Circle, path: str | None, printer: str | None, sets: tuple[str, ...],
     modulus_factor: float, mass_factor: float, no_pulleys: bool, damping: str | float | None, drives: str,
     no_velocity_feed_forward: bool, encoder_bits: int | None, sensitivity: bool, for_um: float, draws: int, seed: int,
-    reference: bool, output: Output, talk: Talk,
+    budget: bool, covariance: str | None, png: str | None, layer: int | None, reference: bool, output: Output,
+    talk: Talk,
 ) -> None:
     """What does the elastic robot really do? Plays FILE (a motor file or a .plan) or a circle on it.
 
@@ -136,19 +173,27 @@ def simulate(
     damping = damping if damping is not None else "none" if file is None else "profile"
     if file is not None:
         wrong = Wrong(printer, sets, modulus_factor, mass_factor, drives, no_velocity_feed_forward, encoder_bits)
-        _file(file, path, wrong, damping, reference, output, talk)
+        drawn = Drawn(png, layer, output.overwrite)
+        _file(file, path, wrong, damping, reference, (budget or bool(covariance), covariance), drawn, output, talk)
         return
+    if budget or covariance:
+        raise UsageError("--budget is for motor files.")
     if drives != "ideal":
         raise UsageError("--drives is for motor files.")
     asked = Asked(printer, sets, no_pulleys, None, None, None, built_in.distribution, None, None, None)
     numbers = _played(asked, built_in, damping, talk)
     robot = asked.robot()
+    if png:
+        from cabslice.cli.ballbar import both_ways
+
+        numbers["ballbar"] = both_ways(asked, built_in, damping, Drawn(png, None, output.overwrite))
     content = {"ok": True, "command": "simulate", **asked.settings(robot), "damping": damping, "numbers": numbers}
     talk.answer(content, asked.sentence(robot), *_tables(numbers))
 
 
 def _file(
-    file: str, path: str | None, wrong: Wrong, damping: str | float, reference: bool, output: Output, talk: Talk
+    file: str, path: str | None, wrong: Wrong, damping: str | float, reference: bool, causes: tuple[bool, str | None],
+    drawn: Drawn, output: Output, talk: Talk
 ) -> None:
     from cabslice.cli import simulated
     from cabslice.cli.saved import save
@@ -157,16 +202,19 @@ def _file(
     target, talk = door.targets(output, None, f"{Path(file).stem}-errors", talk)
     film = simulated.opened(file, path)
     meant, real, profile = simulated.robots(film, wrong)
-    run = simulated.played(film, meant, simulated.plant_of(film, meant, real, profile, damping),
-                           wrong.drive(), reference, talk)
-    numbers = report.numbers(run, film.stream.header, film.path)
+    plant = simulated.plant_of(film, meant, real, profile, damping)
+    parts = simulated.parted(film, meant, plant, wrong.drive(), reference, causes[1], talk) if causes[0] else None
+    run = parts[0] if parts else simulated.played(film, meant, plant, wrong.drive(), reference, talk)
+    numbers = report.numbers(run, film.stream.header, film.path) | ({"budget": parts[1]} if parts else {})
     settings = {"file": Path(file).name, "robot": real.name, "modulus_factor": wrong.modulus, "mass_factor": wrong.mass,
                 "damping": damping, "drives": wrong.drives, "integrator": "reference" if reference else "fast"}
     if target:
         save(target, settings, report.beads(run, film.stream.header, film.path))
+    drawn.map(film.title, run, report.layers_of(run, film.stream.header, film.path))
     words = f"{film.title} on {real.name}, {numbers['duration_s']:.1f} s; {_differs(wrong, damping)}"
     content = {"ok": True, "command": "simulate", **settings, "numbers": numbers}
     talk.answer(content | ({"output": target.path} if target else {}), words, *simulated.tables(numbers),
+                *simulated.budget_table(numbers),
                 f"wrote {target.path}" if target else "")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -151,3 +152,45 @@ def played(film: Film, meant: Robot, plant: Plant, drive: Any, exact: bool, talk
     with talk.progress() as tick:
         return play_stream(film.stream, meant, plant, tolerance=TOLERANCE if exact else FAST, drive=drive,
                            tick=lambda row: tick("play", row, film.stream.rows))
+
+
+def parted(film: Film, meant: Robot, plant: Plant, drive: Any, exact: bool, covariance: str | None, talk: Talk) -> Any:
+    """The run and the numbers of its budget."""
+    from cabslice.simulation import budget
+    from cabslice.simulation.plant import TOLERANCE
+    from cabslice.simulation.prints import FAST
+
+    header = film.stream.header
+    own = plant_of(film, meant, meant, film.printer, "profile")
+    with talk.progress() as tick:
+        found = budget.budget(film.stream, meant, own, plant, drive=drive, path=film.path,
+                              tolerance=TOLERANCE if exact else FAST,
+                              tick=lambda row: tick("play", row, film.stream.rows))
+    numbers = budget.numbers(found, header, film.path)
+    if covariance:
+        names, matrix = _covariance(covariance)
+        numbers["calibration_standard_deviation"] = budget.calibration(meant, found.total, names, matrix)
+    return found.total, numbers
+
+
+def _covariance(file: str) -> tuple[list[str], Any]:
+    try:
+        told = json.loads(Path(file).read_text(encoding="utf-8"))
+        return [str(name) for name in told["parameters"]], told["covariance"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ModelError(f"{file}: expected JSON with parameters (names) and covariance (rows of numbers): {error}.",
+                         file=file) from None
+
+
+def budget_table(numbers: dict[str, Any]) -> list[str | Table]:
+    """Empty without a budget."""
+    found = numbers.get("budget")
+    if found is None:
+        return []
+    rows = [(name, *_spread(row)) for name, row in found["causes"].items()]
+    if "calibration_standard_deviation" in found:
+        rows.append(("calibration, standard deviation", *_spread(found["calibration_standard_deviation"])))
+    return [Table(("error by cause", ">rms um", ">95 % um", ">largest um"), rows),
+            f"Each cause switched on alone; their vectors and the interaction add up to the total. Root of the sum of "
+            f"squared rms {1e3 * found['root_sum_square_of_rms_mm']:.2f} um, sum of the largest "
+            f"{1e3 * found['sum_of_max_mm']:.2f} um."]

@@ -112,27 +112,30 @@ def error_map(xy: Array, error: Array, *, unit: str = "mm", title: str = "", lab
     return figure
 
 
-def ballbar(angle: Array, radius: Array, nominal: float, *, title: str = "") -> Any:
-    """A circle as it was made: deviation of radius (K,) mm from `nominal` mm at angle (K,) rad, magnified, as a polar
-    plot after ISO 230-4; the nominal circle is dashed."""
-    angle, radius = np.asarray(angle, float), np.asarray(radius, float)
+def ballbar(lines: Mapping[str, tuple[Array, Array]], nominal: float, *, title: str = "") -> Any:
+    """Circles as they were made, by name: angle (K,) rad and radius (K,) mm. Deviation from `nominal` mm, magnified, as
+    a polar plot after ISO 230-4; the nominal circle is dashed."""
     from matplotlib.figure import Figure
 
     with _styled():
         figure = Figure(figsize=(WIDTH, WIDTH), layout="constrained")
         axes: Any = figure.add_subplot(projection="polar")
-        deviation = 1e3 * (radius - nominal)
-        reach = float(np.abs(deviation).max()) or 1.0
+        deviations = {name: 1e3 * (np.asarray(radius, float) - nominal) for name, (_, radius) in lines.items()}
+        reach = max(float(np.abs(deviation).max()) for deviation in deviations.values()) or 1.0
         step = _round(reach / 2)
         turn = np.linspace(0, 2 * np.pi, 361)
         axes.plot(turn, np.zeros_like(turn), color=BOUND, linewidth=1.0, linestyle=(0, (4, 2)))
-        axes.plot(angle, deviation, color=LINE, linewidth=1.0)
+        for i, (name, deviation) in enumerate(deviations.items()):
+            colour = LINE if len(lines) == 1 else COLOURS[i % len(COLOURS)]
+            axes.plot(np.asarray(lines[name][0], float), deviation, color=colour, linewidth=1.0, label=name)
         axes.set_rlim(-4 * step, 3 * step)
         axes.set_rticks([-2 * step, 0, 2 * step])
         axes.set_rlabel_position(22.5)
-        circularity = float(np.ptp(deviation))
+        circularity = max(float(np.ptp(deviation)) for deviation in deviations.values())
         said = f"radius {nominal:g} mm, circularity {circularity:.3g} µm, rings {2 * step:g} µm apart"
         axes.set_title("\n".join(filter(None, (title, said))), fontsize=9, pad=12)
+        if len(lines) > 1:
+            figure.legend(loc="outside lower center", ncols=len(lines))
     return figure
 
 
