@@ -7,6 +7,9 @@ arch      40 x 10 x 25 mm: bridges and overhangs
 tower     24 mm at the foot, 12 mm at the top, 120 mm tall
 gear      24 teeth, 100 mm across, 10 mm thick: mostly infill
 fins      1.0, 0.8, 0.5 and 0.35 mm thick on a foot: walls thinner than a pair of beads
+square    60 x 60 x 2 mm: four sharp corners with long ways between
+ringing   tower 40 x 40 x 12 mm, two sides waved 0.5 mm deep, pitch falling from 8 to 2 mm: at 100 mm/s they shake it at
+          12 to 50 Hz; the other two show how it rings after a sharp corner
 """
 
 from __future__ import annotations
@@ -91,6 +94,18 @@ def fins():
     return np.concatenate(bodies)
 
 
+def ringing(half=20.0, deep=0.5, height=12.0, pitches=(8, 8, 6, 4, 4, 3, 3, 2)):
+    """A square with waves of falling pitch on two sides."""
+    edges = np.concatenate(([0.0], np.cumsum(pitches)))
+    edges = (edges - edges[-1] / 2)[::-1]
+    along = np.column_stack((edges[:-1], (edges[:-1] + edges[1:]) / 2)).ravel()
+    out = np.tile([half, half - deep], len(pitches))
+    top, right = np.column_stack((along, out)), np.column_stack((out, along))[::-1]
+    corners = half * np.array([[-1.0, 1], [-1, -1], [1, -1]])
+    outline = np.concatenate((top, corners, right, [[half, half]]))
+    return upright(outline, outline, height)
+
+
 SAMPLES = {
     "cube": lambda: box((0, 0, 0), (20, 20, 20)),
     "cylinder": lambda: frustum(12.5, 12.5, 15.0, 96),
@@ -99,6 +114,8 @@ SAMPLES = {
     "tower": lambda: frustum(12.0, 6.0, 120.0, 48),
     "gear": gear,
     "fins": fins,
+    "square": lambda: box((0, 0, 0), (60, 60, 2)),
+    "ringing": ringing,
 }
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import UsageError
 from cabslice.motors.stream import MotorStream
-from cabslice.robot.model import Robot
+from cabslice.robot.model import Robot, nozzle_places, nozzle_poses
 from cabslice.simulation.deviation import spread
 from cabslice.simulation.drives import Drive
 from cabslice.simulation.plant import Plant
@@ -82,21 +82,16 @@ def _alike(robot: Robot, other: Robot) -> bool:
 
 
 def _poses(robot: Robot, run: Run, count: int) -> Array:
-    """Poses (K, 6) of the platform, level, spread evenly over the rows that lay filament."""
+    """Poses (K, 6) of the platform spread evenly over the rows that lay filament."""
     rows = np.flatnonzero(run.laying) if run.laying.any() else np.arange(len(run))
     rows = np.unique(rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)])
-    poses = np.zeros((len(rows), 6))
-    poses[:, :3] = run.wanted[rows]
-    poses[:, :3] += (0.0 if robot.bed_origin is None else robot.bed_origin)
-    poses[:, :3] -= 0.0 if robot.nozzle is None else robot.nozzle
-    return poses
+    return nozzle_poses(robot, run.wanted[rows].astype(float))
 
 
 def _at_rest(robot: Robot, real: Robot, run: Run) -> Array:
     """(K, 3) mm"""
     poses = _poses(robot, run, PLACES)
-    places = poses[:, :3] + (0.0 if robot.nozzle is None else robot.nozzle) - (
-        0.0 if robot.bed_origin is None else robot.bed_origin)
+    places = nozzle_places(robot, poses)
     centre, reach = places.mean(axis=0), np.maximum(np.ptp(places, axis=0), 1.0)
     weights = np.linalg.lstsq(_quadratic((places - centre) / reach), shift(standing(robot, poses), real), rcond=1e-9)[0]
     return np.asarray(_quadratic((run.wanted - centre) / reach) @ weights)

@@ -10,8 +10,8 @@ Legend
     a        acceleration of the motion, mm/s^2                K, M, C   stiffness, mass, damping (robot.stiffness)
     Phi      modes of unit mass, d = Phi q                     w, z      their angular frequencies, damping ratios
     q'' + 2 z w q' + w^2 q = Phi^T f, f linear between two times: solved exactly (Nigam & Jennings 1969)
-K is taken constant in cells of the bed; at their borders d and d' are handed over. What it shows at rest is a quadratic
-through PLACES. simulation.plant knows better and has the last word; this costs a hundredth of it.
+K is taken constant in cells of the bed, of a level platform; at their borders d and d' are handed over. What it shows
+at rest is a quadratic through PLACES. simulation.plant knows better and has the last word; this costs a hundredth.
 """
 
 from __future__ import annotations
