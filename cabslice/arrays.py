@@ -6,12 +6,16 @@ that comes back must mean the same length, so one `Shapes` is shared by the colu
 
 from __future__ import annotations
 
+import mmap
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+SPAN = 1 << 18   # rows looked at together
 
 
 class Shapes:
@@ -36,7 +40,7 @@ class Shapes:
             size = int(token) if token.isdigit() else self._size(token, length)
             if length != size:
                 raise ValueError(f"{self.owner}.{name} has length {length} on axis {axis}, expected {token} = {size}")
-        if finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+        if finite and array.dtype.kind == "f" and not _is_finite(array):
             raise ValueError(f"{self.owner}.{name} holds a value that is not finite")
         if array.flags.writeable:
             array = array.view()
@@ -53,3 +57,25 @@ def set_columns(value: Any, /, **columns: Array) -> None:
     """Store checked columns into a frozen dataclass from its __post_init__."""
     for name, column in columns.items():
         object.__setattr__(value, name, column)
+
+
+def _is_finite(array: Array) -> bool:
+    return all(np.isfinite(array[low:high]).all() for low, high in spans(len(array), array))
+
+
+def spans(count: int, *columns: Array, size: int = SPAN) -> Iterator[tuple[int, int]]:
+    """Begin and end of `size` rows after another, up to `count`; after each the columns are let go (see let_go)."""
+    for low in range(0, count, size):
+        yield low, min(low + size, count)
+        let_go(*columns)
+
+
+def let_go(*columns: Array) -> None:
+    """Columns that are mapped from a file leave memory; they come back where they are asked for. Others stay."""
+    for column in columns:
+        base: Any = column
+        while isinstance(base, np.ndarray):
+            base = base.base
+        base = base.obj if isinstance(base, memoryview) else base
+        if isinstance(base, mmap.mmap) and hasattr(base, "madvise"):
+            base.madvise(mmap.MADV_DONTNEED)

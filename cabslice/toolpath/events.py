@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cabslice.arrays import Array
+from cabslice.arrays import Array, spans
 from cabslice.errors import ModelError
 from cabslice.profile.material import Material
 from cabslice.profile.process import Process
@@ -24,11 +24,26 @@ def events_of(
 
     Raises ModelError where a pause is asked for before a layer that the path has not.
     """
-    first = np.flatnonzero(layer > layer[0])[:1].tolist()
-    rows = [*_heat(first, material), *_fan(layer, role, part, material), *_layer_times(layer, material)]
+    heads = _heads(layer, role, part)
+    layer, role, part = layer[heads], role[heads], part[heads]
+    first = heads[layer > layer[0]][:1].tolist()
+    rows = [*_heat(first, material), *_fan(heads, layer, role, part, material), *_layer_times(heads, layer, material)]
     rows += _stops(process, rests)
     rows.sort(key=lambda row: row[0])
     return Events(*np.array(rows, np.float64).T)
+
+
+def _heads(layer: Array, role: Array, part: Array) -> Array:
+    """Rows at which layers begin, and beads that differ from the one before in layer, part, or in lying over air."""
+    found, last = [np.zeros(1, np.int64)], np.full(3, -1)
+    for low, high in spans(len(layer), layer, role, part):
+        before = max(low - 1, 0)
+        begins = np.flatnonzero(np.diff(layer[before:high])) + before + 1
+        laid = np.flatnonzero(role[low:high] != Role.TRAVEL) + low
+        kinds = np.stack((layer[laid], part[laid], np.isin(role[laid], OVER_AIR)), axis=1)
+        found += [begins, laid[(np.diff(kinds, axis=0, prepend=last[None]) != 0).any(1)]]
+        last = kinds[-1] if len(kinds) else last
+    return np.unique(np.concatenate(found))
 
 
 def _heat(second: list[int], material: Material) -> list[Row]:
@@ -44,26 +59,26 @@ def _heat(second: list[int], material: Material) -> list[Row]:
     return found
 
 
-def _fan(layer: Array, role: Array, part: Array, material: Material) -> list[Row]:
-    """The fan of each bead, layers counted in each object; travels keep it as it was."""
+def _fan(heads: Array, layer: Array, role: Array, part: Array, material: Material) -> list[Row]:
+    """The fan of each bead, layers counted in each object; travels keep it as it was. `heads` (H,): see _heads."""
     rows = np.flatnonzero(role != Role.TRAVEL)
     above_air = material.fan if material.bridge_fan is None else material.bridge_fan
     wanted = np.where(np.isin(role[rows], OVER_AIR), above_air, material.fan)
     number = np.unique(layer[rows], return_inverse=True)[1]
     _, first, own = np.unique(part[rows], return_index=True, return_inverse=True)
     wanted[number - number[first][own] < material.fan_after_layers] = 0.0
-    begin = rows.copy()
+    begin = heads[rows]
     new = np.diff(number, prepend=0) > 0
-    begin[new] = np.searchsorted(layer, layer[rows[new]])     # with the layer, before the travel into it
+    begin[new] = heads[np.searchsorted(layer, layer[rows[new]])]     # with the layer, before the travel into it
     changes = np.flatnonzero(np.diff(wanted, prepend=0.0))
     head = [] if len(changes) and begin[changes[0]] <= 1 else [(0, EventKind.FAN, 0.0)]
     return [*head, *((int(begin[k]) if begin[k] > 1 else 0, EventKind.FAN, float(wanted[k])) for k in changes)]
 
 
-def _layer_times(layer: Array, material: Material) -> list[Row]:
+def _layer_times(heads: Array, layer: Array, material: Material) -> list[Row]:
     if not material.min_layer_s:
         return []
-    begins = np.flatnonzero(np.diff(layer, prepend=layer[0] - 1)).tolist()
+    begins = heads[np.flatnonzero(np.diff(layer, prepend=layer[0] - 1))].tolist()
     return [
         (0, EventKind.MIN_PRINT_SPEED, material.min_speed_mm_s),
         *((row, EventKind.MIN_LAYER_TIME, material.min_layer_s) for row in begins),

@@ -13,7 +13,7 @@ from itertools import tee, zip_longest
 
 import numpy as np
 
-from cabslice.arrays import Array
+from cabslice.arrays import Array, spans
 from cabslice.errors import ModelError
 from cabslice.profile.material import Material
 from cabslice.profile.process import Process
@@ -24,6 +24,7 @@ from cabslice.toolpath.overhang import slowed
 from cabslice.toolpath.path import RESTS, Events, Toolpath, bead_area, piece_starts
 from cabslice.toolpath.sequence import Drawn, draw_layer
 from cabslice.toolpath.spiral import blended, divided, drawn_ring, flat, rise, spiral_ring
+from cabslice.toolpath.spool import Spool
 from cabslice.toolpath.travel import SAME_PLACE, Travels, coasted, travels
 
 SPEED_OF = {
@@ -66,28 +67,25 @@ def lay_toolpath(
     bead.
     """
     nozzle, area = _Nozzle(), np.pi / 4 * filament_diameter_mm**2
-    blocks: list[dict[str, Array]] = []
+    spool = Spool(COLUMNS)
     rests: dict[int, int] = {}
-    rows = 0
     for layer, after in _with_next(layers):
         nozzle.above = None if after is None or after.z_mm < layer.z_mm else after.outline
         if process.spiral and layer.index >= floors(process) + process.raft.layers:
             made = [_wind(layer, nozzle, process, area)]
             spiral = layer
         else:
-            made = _flat(layer, nozzle, process, area, first=not blocks)
+            made = _flat(layer, nozzle, process, area, first=not spool.rows)
         for block in made:
-            rests[layer.index] = rows + _rest(block, first=not rows)
-            rows += len(block["role"])
-            blocks.append(block)
+            rests[layer.index] = spool.rows + _rest(block, first=not spool.rows)
+            spool.add(block)
     if nozzle.ring is not None:
-        blocks.append(_wind(spiral, nozzle, process, area, last=True))
-        rows += len(blocks[-1]["role"])
-    if not blocks:
+        spool.add(_wind(spiral, nozzle, process, area, last=True))
+    if not spool.rows:
         raise ModelError(
             f"{source or 'the part'}: no layer holds a bead; expected a part at least one bead wide and one layer high"
         )
-    columns = {name: np.concatenate([block[name] for block in blocks]) for name in COLUMNS}
+    columns = spool.columns()
     events = events_of(columns["layer"], columns["role"], columns["object"], material, process, rests)
     return Toolpath(
         **columns, starts=_pieces(columns["xyz"], events), events=events,
@@ -146,7 +144,9 @@ def _feed(rows: dict[str, Array], start: Array, area: float) -> Array:
 
 
 def _pieces(xyz: Array, events: Events) -> Array:
-    still = np.append(False, (np.diff(xyz, axis=0) == 0).all(1))
+    still = np.zeros(len(xyz), np.bool_)
+    for low, high in spans(len(xyz) - 1, xyz):
+        still[low + 1:high + 1] = (np.diff(xyz[low:high + 1], axis=0) == 0).all(1)
     rests = events.index[np.isin(events.kind, RESTS)]
     return np.union1d(piece_starts(still), rests[rests > 0])
 

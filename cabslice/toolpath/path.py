@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.arrays import SPAN, Array, Shapes, set_columns, spans
 from cabslice.slicing.flow import bead_area, bead_spacing
 
 __all__ = ["EventKind", "Events", "Toolpath", "bead_area", "bead_spacing", "piece_starts"]
@@ -103,6 +104,19 @@ class Toolpath:
     def lengths(self) -> Array:
         """(N,) mm, length of each move; 0 in row 0."""
         return np.concatenate(([0.0], np.linalg.norm(np.diff(self.xyz, axis=0), axis=1)))
+
+    def lengths_of(self, low: int, high: int) -> Array:
+        """(high - low,) mm, of these moves alone."""
+        before = self.xyz[max(low - 1, 0):high]
+        return np.concatenate((np.zeros(0 if low else 1), np.linalg.norm(np.diff(before, axis=0), axis=1)))
+
+    def spans(self, size: int = SPAN) -> Iterator[tuple[int, int]]:
+        """Moves low..high after one another: a path that is longer than memory is gone through so."""
+        return spans(len(self.role), *self.columns, size=size)
+
+    @property
+    def columns(self) -> tuple[Array, ...]:
+        return self.xyz, self.filament, self.width, self.height, self.speed, self.role, self.layer, self.object
 
     @property
     def filament_area_mm2(self) -> float:

@@ -16,6 +16,7 @@ import base64
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,18 +50,51 @@ def picture(path: Toolpath, width: int, height: int) -> Array:
     """(height, width, 4) uint8, red green blue and cover, of the beads without travel, skirt and support."""
     if min(width, height) < 1:
         raise ValueError(f"a picture of {width} x {height} pixels has none")
-    rows = _shown(path)
-    if not len(rows):
+    view = _view(path, width, height)
+    if view is None:
         return np.zeros((height, width, 4), np.uint8)
-    right, up, near = _eye()
-    ends = np.stack((path.xyz[rows - 1], path.xyz[rows]))
-    flat = ends @ np.stack((right, up), axis=1)
-    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
-    raster = np.array([width, height]) * FINER
-    pixel = float(np.max(np.maximum(high - low, 1e-3) / (raster * (1 - 2 * BORDER))))
-    corner = (low + high) / 2 - raster * pixel / 2
-    seen = _raster(path, rows, ends, pixel, corner, raster, near)
+    seen, depth = np.zeros((*view.raster[::-1], 4)), np.full(view.raster[::-1], -np.inf)
+    for low, high in path.spans():
+        rows = _shown(path, low, high, view.hidden)
+        if len(rows):
+            shown, near = _raster(path, rows, view)
+            nearer = near >= depth
+            seen[nearer], depth[nearer] = shown[nearer], near[nearer]
     return _reduced(seen)
+
+
+@dataclass(frozen=True)
+class _View:
+    """Size (mm) of a pixel of the raster (2,), where its corner (2,) is, how far apart points on beads are (mm), pixels
+    that a point covers, and roles that are not shown."""
+
+    pixel: float
+    corner: Array
+    raster: Array
+    apart: float
+    stamp: list[tuple[int, int]]
+    hidden: tuple[Role, ...]
+
+
+def _view(path: Toolpath, width: int, height: int) -> _View | None:
+    """The whole path from `_eye`; inner walls and sparse infill are shown only where there is nothing else."""
+    for hidden in ((*HIDDEN, *INNER), HIDDEN):
+        low, high, long, sizes = np.full(2, np.inf), np.full(2, -np.inf), 0.0, [np.empty((0, 2))]
+        for begin, end in path.spans():
+            rows = _shown(path, begin, end, hidden)
+            if len(rows):
+                flat = _ends(path, rows) @ np.stack(_eye()[:2], axis=1)
+                low, high = np.minimum(low, flat.min(axis=(0, 1))), np.maximum(high, flat.max(axis=(0, 1)))
+                long += path.lengths_of(begin, end)[rows - begin].sum()
+                some = rows[::1 + len(path.role) // POINTS]
+                sizes.append(np.stack((path.width[some], path.height[some]), axis=1))
+        if np.isfinite(low).all():
+            raster = np.array([width, height]) * FINER
+            pixel = float(np.max(np.maximum(high - low, 1e-3) / (raster * (1 - 2 * BORDER))))
+            bead, tall = np.median(np.concatenate(sizes), axis=0).tolist()
+            stamp = _stamp(bead, tall, pixel)
+            return _View(pixel, (low + high) / 2 - raster * pixel / 2, raster, max(pixel, long / POINTS), stamp, hidden)
+    return None
 
 
 def comment(content: bytes, width: int, height: int) -> Iterator[str]:
@@ -82,11 +116,14 @@ def png(pixels: Array) -> bytes:
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in parts)
 
 
-def _shown(path: Toolpath) -> Array:
-    """Moves that can be seen from outside: inner walls and sparse infill only where there is nothing else."""
-    laid = ~np.isin(path.role, HIDDEN) & (path.lengths > 0)
-    outside = laid & ~np.isin(path.role, INNER)
-    return np.flatnonzero(outside if outside.any() else laid)
+def _shown(path: Toolpath, low: int, high: int, hidden: tuple[Role, ...]) -> Array:
+    """Moves of low..high that can be seen from outside."""
+    return np.flatnonzero(~np.isin(path.role[low:high], hidden) & (path.lengths_of(low, high) > 0)) + low
+
+
+def _ends(path: Toolpath, rows: Array) -> Array:
+    """(2, K, 3) mm, where the moves `rows` begin and end."""
+    return np.stack((path.xyz[rows - 1], path.xyz[rows]))
 
 
 def _eye() -> tuple[Array, Array, Array]:
@@ -96,27 +133,28 @@ def _eye() -> tuple[Array, Array, Array]:
     return right, np.cross(near, right), near
 
 
-def _raster(
-    path: Toolpath, rows: Array, ends: Array, pixel: float, corner: Array, raster: Array, near: Array
-) -> Array:
-    """Pixels (H, W, 4), 0..1, of the moves `rows` from ends[0] to ends[1] (K, 3)."""
-    which, place = _points(ends, pixel)
-    order = np.argsort(place @ near + _lift(path, rows)[which], kind="stable")     # near ones last: they paint over
-    x, y = np.floor((place[order] @ np.stack(_eye()[:2], axis=1) - corner) / pixel).astype(np.int64).T
-    front = np.full(raster[0] * raster[1], -1, np.int64)
-    for dx, dy in _stamp(path, rows, pixel):
-        row, column = np.clip(raster[1] - 1 - y - dy, 0, raster[1] - 1), np.clip(x + dx, 0, raster[0] - 1)
-        np.maximum.at(front, row * raster[0] + column, np.arange(len(row)))
-    out, seen = np.zeros((len(front), 4)), front >= 0
-    out[seen, :3] = _shades(path, rows, ends, near)[which[order[front[seen]]]]
+def _raster(path: Toolpath, rows: Array, view: _View) -> tuple[Array, Array]:
+    """Pixels (H, W, 4), 0..1, of the moves `rows`, and how near (H, W) what they show is, mm."""
+    ends, eye, size = _ends(path, rows), _eye(), view.raster
+    which, place = _points(ends, view.apart)
+    near = place @ eye[2] + _lift(path, rows)[which]
+    order = np.argsort(near, kind="stable")     # near ones last: they paint over
+    x, y = np.floor((place[order] @ np.stack(eye[:2], axis=1) - view.corner) / view.pixel).astype(np.int64).T
+    front = np.full(size[0] * size[1], -1, np.int64)
+    for dx, dy in view.stamp:
+        row, column = np.clip(size[1] - 1 - y - dy, 0, size[1] - 1), np.clip(x + dx, 0, size[0] - 1)
+        np.maximum.at(front, row * size[0] + column, np.arange(len(row)))
+    out, depth, seen = np.zeros((len(front), 4)), np.full(len(front), -np.inf), front >= 0
+    out[seen, :3] = _shades(path, rows, ends, eye[2])[which[order[front[seen]]]]
     out[seen, 3] = 1.0
-    return out.reshape(raster[1], raster[0], 4)
+    depth[seen] = near[order[front[seen]]]
+    return out.reshape(size[1], size[0], 4), depth.reshape(size[1], size[0])
 
 
-def _points(ends: Array, pixel: float) -> tuple[Array, Array]:
-    """Which move each point lies on (P,), and where (P, 3): evenly spaced, a pixel apart."""
+def _points(ends: Array, apart: float) -> tuple[Array, Array]:
+    """Which move each point lies on (P,), and where (P, 3): evenly spaced, `apart` mm."""
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    count = np.maximum(np.ceil(length / max(pixel, length.sum() / POINTS)), 1).astype(np.int64)
+    count = np.maximum(np.ceil(length / apart), 1).astype(np.int64)
     which = np.repeat(np.arange(len(count)), count)
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[which]
     return which, ends[0][which] + share[:, None] * (ends[1] - ends[0])[which]
@@ -127,9 +165,8 @@ def _lift(path: Toolpath, rows: Array) -> Array:
     return np.where(_is_wall(path, rows), 0.0, path.width[rows])
 
 
-def _stamp(path: Toolpath, rows: Array, pixel: float) -> list[tuple[int, int]]:
+def _stamp(width: float, tall: float, pixel: float) -> list[tuple[int, int]]:
     """Pixels that a point covers: about as many as a bead is wide or tall."""
-    width, tall = (float(np.median(column[rows])) for column in (path.width, path.height))
     reach = min(4, max(1, round(max(tall * np.cos(TILT), 0.5 * width) / pixel)))
     span = range(-(reach // 2), reach - reach // 2)
     return [(i, j) for i in span for j in span]
