@@ -164,10 +164,63 @@ def test_curas_settings(tmp_path, name, wrap):
     ("a.ini", "nothing = here\n", "no settings in it"), ("a.gcode", "G1 X0\n", "no settings in it"),
     ("a.curaprofile", b"PK no", "not a .curaprofile"), ("a.cfg", "no section\n", "not a profile of Cura"),
     ("a.gcode", ";SETTING_3 {oops\n", "damaged"), ("a.ini", "layer_height = 90\n", "layer_mm"),
+    ("a.json", "{oops", "not a profile of OrcaSlicer"), ("a.json", '{"a": 1}', "no settings in it"),
+    ("a.json", "[1, 2]", "no settings in it"), ("a.json", '{"type": "process", "wall_loops": "-2"}', "walls"),
 ])
 def test_what_cannot_be_imported_is_refused(tmp_path, name, content, word):
     with pytest.raises(ProfileError, match=word):
         imported(tmp_path, name, content)
+
+
+ORCA_PROCESS = {
+    "type": "process", "name": "0.30mm Standard", "from": "User", "inherits": "fdm_process_common", "version": "2.0",
+    "layer_height": "0.3", "initial_layer_print_height": "0.25", "line_width": "0.48", "wall_loops": "4",
+    "outer_wall_line_width": "0.5", "sparse_infill_density": "18%", "sparse_infill_pattern": "zig-zag",
+    "seam_position": "back", "wall_sequence": "outer wall/inner wall", "outer_wall_speed": "55",
+    "sparse_infill_speed": "90", "enable_support": "1", "support_threshold_angle": "40", "ironing_type": "top",
+    "ironing_flow": "12%", "reduce_infill_retraction": "1", "reduce_crossing_wall": "0", "spiral_mode": "0",
+    "infill_wall_overlap": "20%", "enable_prime_tower": "0", "prime_tower_width": "60",
+}
+ORCA_FILAMENT = {
+    "type": "filament", "name": "My PETG", "filament_type": ["PETG"], "nozzle_temperature": ["243", "240"],
+    "nozzle_temperature_initial_layer": ["248"], "hot_plate_temp": ["78"], "filament_density": ["1.27"],
+    "filament_max_volumetric_speed": ["11"], "fan_max_speed": ["60"], "slow_down_layer_time": ["9"],
+    "filament_retraction_length": ["0.7"], "filament_z_hop": ["nil"], "activate_air_filtration": ["0"],
+}
+
+
+def test_orcaslicers_process(tmp_path):
+    made = imported(tmp_path, "a.json", json.dumps(ORCA_PROCESS))
+    process = made.process
+    assert (process.layer_mm, process.first_layer_mm, process.outer_bead_mm, process.walls) == (0.3, 0.25, 0.5, 4)
+    assert (process.infill, process.pattern, process.seam, process.outer_wall_first) == (
+        0.18, "rectilinear", "rear", True)
+    assert (process.speeds_mm_s.outer_wall, process.speeds_mm_s.sparse_infill) == (55, 90)
+    assert (process.support.kind, process.support.angle_deg) == ("straight", 50)
+    assert (process.ironing.enabled, process.ironing.flow, process.infill_overlap, process.spiral) == (
+        True, 0.12, 0.2, False)
+    assert (process.retraction.inside_travel_mm, process.retraction.max_detour) == (10000, 1)
+    assert set(made.left_out) == {"enable_prime_tower", "prime_tower_width"}
+    assert "OrcaSlicer" in process.source
+
+
+@pytest.mark.parametrize(("nozzle", "width"), [(None, None), (["0.6"], 0.66)])
+def test_orcaslicers_widths_in_percent_are_of_the_nozzle(tmp_path, nozzle, width):
+    told = {"type": "process", "layer_height": "0.3", "line_width": "110%"}
+    told |= {"nozzle_diameter": nozzle} if nozzle else {}
+    made = imported(tmp_path, "a.json", json.dumps(told))
+    assert made.process.bead_mm == (width or shelf.load_process("standard-0.4").bead_mm)
+    assert ("line_width" in made.left_out) == (nozzle is None)
+
+
+def test_orcaslicers_filament(tmp_path):
+    made = imported(tmp_path, "a.json", json.dumps(ORCA_FILAMENT))
+    material = made.material
+    assert (material.print_nozzle_c, material.first_nozzle_c, material.print_bed_c) == (243, 248, 78)
+    assert (material.density_g_cm3, material.max_flow_mm3_s, material.fan, material.min_layer_s) == (1.27, 11, 0.6, 9)
+    assert made.process.retraction.length_mm == 0.7
+    assert made.process.retraction.hop_mm == shelf.load_process("standard-0.4").retraction.hop_mm       # nil
+    assert "activate_air_filtration" in made.left_out
 
 
 def test_every_rule_sets_a_key_that_there_is():

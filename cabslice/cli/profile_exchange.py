@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 FORMATS = ("reprap",)
 SUFFIXES = {"reprap": "g"}
-SETTINGS = (".ini", ".gcode", ".gco", ".curaprofile", ".cfg")     # of profile.slicers, which --help does not import
+SETTINGS = (".ini", ".gcode", ".gco", ".curaprofile", ".cfg", ".json")  # profile.slicers.SUFFIXES, imported late
 WIDEST = 60          # characters of a value in the table of differences
 
 
@@ -33,7 +33,8 @@ def import_(
 ) -> None:
     """Make a printer profile of another program's files, or a process and a material of another slicer's settings.
 
-    Settings: an .ini or G-code of PrusaSlicer; a .curaprofile, .cfg or G-code of Cura. NAME.toml is the process,
+    Settings: an .ini or G-code of PrusaSlicer; a .curaprofile, .cfg or G-code of Cura; a .json of
+    OrcaSlicer. NAME.toml is the process,
     NAME-material.toml the material; what the file does not say is inherited, what has no place here is named.
 
     One config.g of a Hangprinter (RepRapFirmware: M669, M666, M208), or a bodies and a cables file of CASPR (XML). The

@@ -1,4 +1,4 @@
-"""A process and a material out of the settings of another slicer: PrusaSlicer's .ini and G-code, Cura's profiles.
+"""A process and a material out of the settings of another slicer: PrusaSlicer's, Cura's and OrcaSlicer's.
 
 Only what the file says is written down; all else is inherited from the shipped process for the same nozzle and the
 shipped material of the same kind. Keys that have no counterpart here are named.
@@ -20,11 +20,12 @@ from cabslice.errors import ProfileError
 from cabslice.profile import shelf
 from cabslice.profile.faults import checked
 from cabslice.profile.imported import name_from
+from cabslice.profile.orca import orca_settings
 from cabslice.profile.reader import Sheet, merge
 from cabslice.profile.slicer_keys import CURA, PRUSA, Rule, Settings
 from cabslice.profile.toml import Place, dump
 
-SUFFIXES = (".ini", ".gcode", ".gco", ".curaprofile", ".cfg")
+SUFFIXES = (".ini", ".gcode", ".gco", ".curaprofile", ".cfg", ".json")
 PRUSA_LINE = re.compile(r"^;?\s*([a-z][a-z0-9_]+)\s*=\s?(.*)$")
 
 
@@ -53,7 +54,7 @@ class _Draft:
 
 
 def read_settings(path: Path, name: str | None = None) -> Taken:
-    """The settings in an .ini or G-code of PrusaSlicer, or a .curaprofile, .cfg or G-code of Cura.
+    """The settings in an .ini or G-code of PrusaSlicer, a .curaprofile, .cfg or G-code of Cura, a .json of OrcaSlicer.
 
     Raises ProfileError: no settings in it, or values that a profile refuses.
     """
@@ -98,7 +99,8 @@ def _read(path: Path) -> tuple[dict[str, str], tuple[Rule, ...], str]:
         if found := reader():
             return found, rules, slicer
     raise ProfileError(str(path), [
-        "no settings in it; expected an .ini or G-code of PrusaSlicer, or a .curaprofile, .cfg or G-code of Cura"
+        "no settings in it; expected an .ini or G-code of PrusaSlicer, a .curaprofile, .cfg or G-code of Cura, or a "
+        "process or filament .json of OrcaSlicer"
     ])
 
 
@@ -108,6 +110,8 @@ def _readers(path: Path, data: bytes) -> Iterator[tuple[Callable[[], dict[str, s
         yield lambda: _zipped(data, path), CURA, "Cura"
     elif path.suffix.lower() == ".cfg":
         yield lambda: _cura_values(text, path), CURA, "Cura"
+    elif path.suffix.lower() == ".json":
+        yield lambda: _orca(text, path), PRUSA, "OrcaSlicer"
     elif path.suffix.lower() == ".ini":
         yield lambda: _assignments(text, ""), PRUSA, "PrusaSlicer"
     else:
@@ -122,6 +126,13 @@ def _assignments(text: str, lead: str) -> dict[str, str]:
         if line.startswith(lead) and (match := PRUSA_LINE.match(line)):
             found[match[1]] = match[2].strip()
     return found if {"layer_height", "perimeters", "nozzle_diameter", "temperature"} & set(found) else {}
+
+
+def _orca(text: str, path: Path) -> dict[str, str]:
+    try:
+        return orca_settings(text)
+    except ValueError as error:
+        raise ProfileError(str(path), [f"not a profile of OrcaSlicer: {error}"]) from error
 
 
 def _cura_values(text: str, path: Path) -> dict[str, str]:
