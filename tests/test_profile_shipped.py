@@ -21,7 +21,7 @@ from cabslice.robot.winder_line import line_at
 
 ALL = [(kind, name) for kind in KINDS for name in shelf.names(kind)]
 PRINTERS = ["cabfab-init", "cabfab-init-x", "cabfab-init-x-measured", "cabfab-optim", "cabfab-optim-measured"]
-FIELD = ["caroca", "cogiro", "gt-planar", "hangprinter-linc", "hangprinter-v4", "ipanema-3", "segesta"]
+FIELD = ["caroca", "cogiro", "gt-planar", "hangprinter-linc", "hangprinter-v4", "ipanema-3", "linear-delta", "segesta"]
 MATERIALS = ["abs", "pa12", "pa6", "pc", "pc-ptfe", "peek", "pei", "pet", "petg", "pla", "pom", "ppsu", "tpu"]
 SHIPPED = Path(__file__).parents[1] / "profiles"
 

@@ -16,7 +16,7 @@ from cabslice.timing import retime as planner
 from cabslice.timing.audit import audit
 from cabslice.timing.limits import Nodes, limits_of, rows
 from cabslice.timing.retime import plan
-from cabslice.timing.rules import ArrayRules, CompiledRules
+from cabslice.timing.rules import CompiledRules, array_rules
 from cabslice.timing.trajectory import sample, slowed
 from cabslice.toolpath.path import EventKind, Events
 
@@ -77,7 +77,7 @@ def test_compiled_rules_are_the_array_rules():
     nodes = Nodes(poses, d1, d2, rng.uniform(0, 0.1, 400), rng.uniform(1e3, 1e5, 400))
     limits = limits_of(PRINTER, MATERIAL)
     u, x = rng.uniform(-3e4, 3e4, 400), rng.uniform(0, 2e4, 400)
-    compiled, arrays = CompiledRules(ROBOT, limits), ArrayRules(ROBOT, limits, recursion.retime)
+    compiled, arrays = CompiledRules(ROBOT, limits), array_rules(ROBOT, limits, recursion.retime)
     np.testing.assert_allclose(compiled.used(nodes, u, x), arrays.used(nodes, u, x), rtol=1e-9)
 
 

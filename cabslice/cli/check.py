@@ -53,10 +53,10 @@ def check(file: str, machine: Machine, placing: Placing, jobs: int, try_: bool, 
 
 
 def _tried(product: Any, verdict: Any, talk: Talk) -> list[Any]:
-    """What would help a part; of a path or G-code nothing is tried."""
-    from cabslice.pipeline import Placed
+    """What would help a part; of a path or G-code, or without cables, nothing is tried."""
+    from cabslice.pipeline import Placed, profiles_of
 
-    if not isinstance(product, Placed):
+    if not isinstance(product, Placed) or profiles_of(product.origin).printer.kind != "cable":
         return []
     from cabslice import advice
 

@@ -38,9 +38,9 @@ def plan(
         planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
     found = pipeline.numbers_of(planned)
     found["time_share_by_limit"] = pipeline.active_limits(planned)
+    rows = pipeline.compared(planned, jobs=jobs) if compare else []
     store.save(planned, target.path, overwrite=target.overwrite)
     content = summary("plan", product, target.path) | {"numbers": found, "verdict": verdict.as_dict()}
-    rows = pipeline.compared(planned, jobs=jobs) if compare else []
     content |= {"compared": rows} if compare else {}
     talk.answer(content, tables.number_table(found), tables.share_table("time by limit", found["time_share_by_limit"]),
                 tables.feature_table(found["duration_s_by_feature"]), *map(tables.compared_line, rows),

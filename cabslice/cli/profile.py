@@ -97,6 +97,8 @@ def _stands(file: str, model: Any) -> None:
     from cabslice.robot.model import robot_from_printer
     from cabslice.robot.sound import faults
 
+    if model.kind != "cable":
+        return                             # the relations of its keys have said so
     robot = robot_from_printer(model)
     found = [fault.sentence.replace(" at pose 0:", ":") for fault in faults(robot, robot.home)]
     if found:

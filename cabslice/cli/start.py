@@ -102,6 +102,7 @@ def _words(header: Mapping[str, Any]) -> list[str | Table]:
     steps = [f"{i}. {step}" for i, step in enumerate(told["steps"], start=1)]
     angles = zip(told["zero_angles_rad"], told["zero_tensions_n"], told["angles_rad"], told["tensions_n"], strict=True)
     rows = [(str(i), f"{a:.6f}", f"{b:.2f}", f"{c:.6f}", f"{d:.2f}") for i, (a, b, c, d) in enumerate(angles, start=1)]
+    leading = f"rows 0 to {told['tensioning_rows']} tension the cables ({told['tensioning_s']:g} s); "
     table = Table((">winder", ">zero rad", ">at N", ">first row rad", ">at N"), rows)
     heating = ", ".join(f"{kind} {value:g}" for kind, value in heat.items()) or "nothing"
     reaction = [f"{what.replace('_', ' ')}: {text}" for what, text in header["drive_reaction"].items()]
@@ -111,8 +112,7 @@ def _words(header: Mapping[str, Any]) -> list[str | Table]:
     return [
         str(header.get("about", "")), f"homing pose of the platform: {pose} mm, level", plane, *steps, table,
         f"before the first row: {heating}",
-        f"rows 0 to {told['tensioning_rows']} tension the cables ({told['tensioning_s']:g} s); at the end the platform "
-        f"is {told['ends']}", *reaction,
+        f"{leading if told['tensioning_rows'] else ''}at the end the platform is {told['ends']}", *reaction,
     ]
 
 

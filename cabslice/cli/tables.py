@@ -49,7 +49,10 @@ def cable_table(numbers: Mapping[str, Any]) -> Table | str:
         return ""
     columns = [[f"{value:{CABLES[key][1]}}" for value in numbers[key]] for key in keys]
     rows = [(str(cable), *row) for cable, row in enumerate(zip(*columns, strict=True), start=1)]
-    return Table((">cable", *(f">{CABLES[key][0]}" for key in keys)), rows)
+    heads = [f">{CABLES[key][0]}" for key in keys]
+    if numbers.get("machine_kind"):
+        return Table((">motor", *(head.replace("tension", "force") for head in heads)), rows)
+    return Table((">cable", *heads), rows)
 
 
 def finding_table(findings: Sequence[Any]) -> Table | str:

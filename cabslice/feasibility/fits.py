@@ -7,20 +7,23 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.feasibility.distance import PRECISION
 from cabslice.feasibility.findings import Finding, Verdict
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.model import Robot
 
 
-def fits(bounds: Array, robot: Robot) -> Verdict:
+def fits(bounds: Array, robot: Machine) -> Verdict:
     """Whether a part with bounds (2, 3) mm, bed coordinates, can be on the bed and below the pulleys at all.
 
     Necessary, never sufficient; the robot needs a nozzle and a bed.
     """
-    found = tuple(_sides(bounds, robot) + _height(bounds, robot))
-    sentence = "The part's box against the bed plate and the height of the highest pulley"
+    high = [] if isinstance(robot, Delta) else _height(bounds, robot)
+    found = tuple(_sides(bounds, robot) + high)
+    highest = "" if isinstance(robot, Delta) else " and the height of the highest pulley"
+    sentence = f"The part's box against the bed plate{highest}"
     return Verdict((f"{sentence}; nothing else, as it is too large." if found else f"{sentence}.",), found)
 
 
-def _sides(bounds: Array, robot: Robot) -> list[Finding]:
+def _sides(bounds: Array, robot: Machine) -> list[Finding]:
     assert robot.bed_size is not None
     found = []
     for axis, name in enumerate("xy"):

@@ -17,7 +17,7 @@ import numpy as np
 from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError, UsageError
 from cabslice.feasibility.findings import Finding
-from cabslice.robot.model import Robot
+from cabslice.robot.delta import Machine
 from cabslice.slicing.layer import Role
 from cabslice.toolpath.path import EventKind, Events, Toolpath
 
@@ -31,7 +31,7 @@ STOPS = (EventKind.PAUSE, EventKind.FILAMENT_CHANGE)
 COLUMNS = ("xyz", "filament", "width", "height", "speed", "role", "layer", "object")
 
 
-def home_point(robot: Robot) -> Array:
+def home_point(robot: Machine) -> Array:
     """(3,) mm, bed coordinates: the nozzle with the platform at home. Raises ValueError where there is no nozzle."""
     if robot.nozzle is None or robot.bed_origin is None:
         raise ValueError("the robot has no nozzle or no bed")
@@ -42,7 +42,7 @@ def has_ends(path: Toolpath) -> bool:
     return len(path.object) > 0 and bool(path.object[0] == MACHINE)
 
 
-def with_ends(path: Toolpath, robot: Robot, start: Any, *, printed_mm: float = 0.0) -> Toolpath:
+def with_ends(path: Toolpath, robot: Machine, start: Any, *, printed_mm: float = 0.0) -> Toolpath:
     """The toolpath on the bed as it lies, with the way from home before it and the way home after it.
 
     As it is where it has them.
@@ -172,7 +172,7 @@ def _events_from(events: Events, first: int) -> Events:
     return Events(index, events.kind[rows], events.value[rows])
 
 
-def resumed(path: Toolpath, robot: Robot, start: Any, layer: int) -> tuple[Toolpath, Toolpath]:
+def resumed(path: Toolpath, robot: Machine, start: Any, layer: int) -> tuple[Toolpath, Toolpath]:
     """What is moved when a print is taken up at `layer`, and the same after all that stands already, to be checked.
 
     In the second one the nozzle prints what is below `layer`, goes home, and comes back as the first one begins.
@@ -197,7 +197,7 @@ def _after(first: Toolpath, second: Toolpath) -> Toolpath:
                    events=Events.none())
 
 
-def without_ends(path: Toolpath, robot: Robot) -> Toolpath:
+def without_ends(path: Toolpath, robot: Machine) -> Toolpath:
     """The toolpath as it was before `with_ends`, on a level bed and without the machine's own moves."""
     if not has_ends(path):
         return path

@@ -17,7 +17,7 @@ from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError
 from cabslice.feasibility.findings import Finding
 from cabslice.motors.block import Block
-from cabslice.robot.model import Robot
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.rotation import matrix
 
 Place = tuple[int, tuple[float, float, float]]
@@ -45,10 +45,11 @@ class Limits:
     """
 
     def __init__(
-        self, robot: Robot, period_s: float, place: Callable[[int], Place], rows: int = 0, squares: Array | None = None
+        self, robot: Machine, period_s: float, place: Callable[[int], Place], rows: int = 0,
+        squares: Array | None = None,
     ) -> None:
         self.robot, self.period_s, self.place = robot, period_s, place
-        self.rules = _rules(robot)
+        self.rules, self.each = _rules(robot), "motor" if isinstance(robot, Delta) else "cable"
         self.rows, self.squares = rows, np.zeros(robot.cables) if squares is None else squares
 
     def look_at(self, block: Block) -> None:
@@ -82,8 +83,8 @@ class Limits:
         layer, xyz = self.place(row)
         value, limit = abs(float(value)) * rule.scale, abs(float(rule.limit[cable])) * rule.scale
         sentence = (
-            f"{when_where(row * self.period_s, xyz)} {rule.what} of cable {cable + 1} is {value:.6g} {rule.unit}; "
-            f"its limit is {limit:.6g} {rule.unit}."
+            f"{when_where(row * self.period_s, xyz)} {rule.what} of {self.each} {cable + 1} is {value:.6g} "
+            f"{rule.unit}; its limit is {limit:.6g} {rule.unit}."
         )
         return Finding(rule.code, layer, xyz, cable + 1, value, limit, rule.unit, sentence, rule.help)
 
@@ -95,24 +96,29 @@ class Limits:
             f"The torque of motor {cable + 1} is {value:.4g} N m in root mean square over the print; "
             f"it stands {limit:.4g} N m continuously."
         )
-        remedy = "Lower the reference tension."
+        remedy = SLOWER if isinstance(self.robot, Delta) else "Lower the reference tension."
         return Finding("stream-torque-rms", layer, xyz, cable + 1, value, limit, "N m", sentence, remedy)
 
 
-def _rules(robot: Robot) -> tuple[_Rule, ...]:
+def _rules(robot: Machine) -> tuple[_Rule, ...]:
     winders = robot.winders
     assert winders is not None
     speed, torque = winders.max_speed, winders.peak_torque
-    low, high = TENSION_SLACK - robot.tension_min, TENSION_SLACK + robot.tension_max
-    return (
+    motors = (
         _Rule("stream-speed", "the motor speed", "rad/s", 1.0, lambda block: np.abs(block.velocity), speed, SLOWER),
         _Rule("stream-torque", "the motor torque", "N m", 1e-3, lambda block: np.abs(block.torque), torque, SLOWER),
+    )
+    if isinstance(robot, Delta):
+        return motors
+    low, high = TENSION_SLACK - robot.tension_min, TENSION_SLACK + robot.tension_max
+    return (
+        *motors,
         _Rule("stream-tension-max", "the tension", "N", 1.0, lambda block: block.tension, high, SLOWER),
         _Rule("stream-tension-min", "the tension", "N", 1.0, lambda block: -block.tension, low, SLOWER),
     )
 
 
-def nozzle_xyz(robot: Robot, pose: Array) -> tuple[float, float, float]:
+def nozzle_xyz(robot: Machine, pose: Array) -> tuple[float, float, float]:
     """Nozzle of one pose (6,) in bed coordinates, mm; the platform origin in the machine frame where there is none."""
     if robot.nozzle is None or robot.bed_origin is None:
         return float(pose[0]), float(pose[1]), float(pose[2])

@@ -16,7 +16,8 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import ProductError
-from cabslice.robot import kinematics, winder
+from cabslice.robot import delta, kinematics, winder
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.model import NEWTON, Robot, WinderColumns, robot_from_printer
 from cabslice.robot.rotation import matrix
 from cabslice.robot.usable import usable
@@ -29,16 +30,25 @@ COLUMNS = (
 )
 
 
-def machine_header(robot: Robot, poses: Array, start_angle: Array) -> dict[str, Any]:
-    """JSON values: winders, home, layers at the start angle (m,) rad, and what misfits cost along poses (K, 6)."""
+def machine_header(robot: Machine, poses: Array, start_angle: Array) -> dict[str, Any]:
+    """JSON values: winders, home, layers at the start angle (m,) rad, and what misfits cost along poses (K, 6).
+
+    Of a Delta its kind, belt pulleys for winders, and forces for tensions.
+    """
     winders = robot.winders
     assert winders is not None
-    gain, compliance = _costs(robot, poses, start_angle)
+    kind: dict[str, Any] = {}
+    if isinstance(robot, Delta):
+        kind, (gain, compliance) = {"kind": delta.KIND}, _rail_costs(robot, poses)
+        tensions = delta.forces(robot, robot.home[None], *np.zeros((2, 1, 3)))[0]
+    else:
+        tensions, (gain, compliance) = robot.tension_reference, _costs(robot, poses, start_angle)
     return {
+        **kind,
         "winders": winders_json(winders),
         "home": {
             "pose": robot.home.tolist(), "angles_rad": winders.home_angle.tolist(),
-            "tensions_n": robot.tension_reference.tolist(),
+            "tensions_n": tensions.tolist(),
             "wound_mm": winder.wound(winders, winders.home_angle[None])[0].tolist(),
         },
         "start_winder_layers": winder.layer(winders, start_angle[None])[0].tolist(),
@@ -94,6 +104,12 @@ def tension(winders: WinderColumns, angle: Array, velocity: Array, acceleration:
 def moving(winders: WinderColumns, velocity: Array, acceleration: Array) -> Array:
     """The torque (n, m) N mm that turns the winder itself."""
     return winders.inertia * acceleration * NEWTON + winders.friction * np.clip(velocity / CREEP, -1, 1)
+
+
+def _rail_costs(robot: Delta, poses: Array) -> tuple[float, float]:
+    """As _costs: its arms do not give."""
+    back = np.linalg.inv(delta.jacobian(robot, poses))
+    return MARGIN * float(np.linalg.norm(np.abs(back).sum(axis=2), axis=1).max()), 0.0
 
 
 def _costs(robot: Robot, poses: Array, start_angle: Array) -> tuple[float, float]:

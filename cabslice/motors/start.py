@@ -34,6 +34,18 @@ class Lead:
         return np.broadcast_to(self.first + (1 - self.first) * rise, np.shape(row))
 
 
+TENSIONING = [
+    "bring the platform to the homing pose, every cable on its winder as the profile says",
+    "tension every cable to its reference tension and set encoder i to home.angles_rad[i] (multi-turn)",
+    "slacken to start.tensions_n: the motors then stand at start.angles_rad, which is the first row",
+    "heat as the events at time 0 say, then play; the first rows tension the cables, nothing moves",
+]
+RAILS = [
+    "bring the platform to the homing pose, every carriage where its motor holds it",
+    "set encoder i to home.angles_rad[i] (multi-turn); angles above it lift the carriage",
+    "the motors stand at start.angles_rad, which is the first row",
+    "heat as the events at time 0 say, then play",
+]
 REACTION = {
     "underrun": "hold the last position with the torque it was held with, lay no filament, brakes on after 1 s: do not "
                 "coast, and do not go on by itself. The motors have stood still at a place that is not in the plan of "
@@ -45,20 +57,21 @@ REACTION = {
 }
 
 
+def reaction(*, cables: bool) -> dict[str, str]:
+    """What drives must do; without cables none can go slack."""
+    return {name: words for name, words in REACTION.items() if cables or name != "slack_cable"}
+
+
 def start_header(header: Mapping[str, Any], lead: Lead, period_s: float) -> dict[str, Any]:
     """What to do before the first row, as JSON; `header` has start_angles_rad, start_tensions_n and machine.home."""
     home = header["machine"]["home"]
+    rigid = header["machine"].get("kind") == "linear-delta"
     return {
-        "steps": [
-            "bring the platform to the homing pose, every cable on its winder as the profile says",
-            "tension every cable to its reference tension and set encoder i to home.angles_rad[i] (multi-turn)",
-            "slacken to start.tensions_n: the motors then stand at start.angles_rad, which is the first row",
-            "heat as the events at time 0 say, then play; the first rows tension the cables, nothing moves",
-        ],
+        "steps": RAILS if rigid else TENSIONING,
         "home_pose": home["pose"], "zero_angles_rad": home["angles_rad"], "zero_tensions_n": home["tensions_n"],
         "angles_rad": header["start_angles_rad"], "tensions_n": header["start_tensions_n"],
         "bed": _bed(header), "tensioning_rows": lead.rows(period_s), "tensioning_s": lead.rows(period_s) * period_s,
-        "ends": "at rest, tensions kept: the drives hold the last row",
+        "ends": f"at rest{'' if rigid else ', tensions kept'}: the drives hold the last row",
     }
 
 

@@ -39,9 +39,9 @@ from cabslice.feasibility.findings import Finding
 from cabslice.motors import machine
 from cabslice.motors.block import Block, cut, present, rechunk
 from cabslice.motors.limits import Limits, nozzle_xyz, when_where
-from cabslice.motors.start import REACTION, Lead, start_header
-from cabslice.robot import kinematics, tension, winder, wrench
-from cabslice.robot.model import Robot
+from cabslice.motors.start import Lead, reaction, start_header
+from cabslice.robot import delta, kinematics, tension, winder, wrench
+from cabslice.robot.delta import Delta, Machine
 
 __all__ = ["Block", "MotorStream", "cut", "make_stream", "present", "rechunk", "row_count"]
 
@@ -97,7 +97,7 @@ def row_count(duration_s: float, period_s: float) -> int:
 
 def make_stream(
     trajectory: Any,
-    robot: Robot,
+    robot: Machine,
     *,
     period_s: float,
     header: Mapping[str, Any],
@@ -187,7 +187,7 @@ class _Rows:
 @dataclass(frozen=True)
 class _Source:
     trajectory: Any
-    robot: Robot
+    robot: Machine
     period_s: float
     rows: int
     sample: Callable[[Any, Array], Any]
@@ -215,14 +215,23 @@ class _Source:
         samples, planned, length = self.planned(wide)
         pull = planned[1:-1] - self.relaxation * (planned[2:] - planned[:-2]) / (2 * self.period_s)
         try:
-            angle = winder.motor_angles(self.robot, length[1:-1], pull)
+            if isinstance(self.robot, Delta):
+                angle = delta.motor_angles(self.robot, length[1:-1])
+            else:
+                angle = winder.motor_angles(self.robot, length[1:-1], pull)
         except PoseError as error:
             self._refuse_pose(wide[1:-1], error)
         return samples.taken(rows - low + 1), pull[rows - low], angle[rows - low]
 
     def planned(self, rows: Array) -> tuple[_Rows, Array, Array]:
-        """Samples, tensions (K, m) and cable lengths (K, m) of rows (K,); ImpossibleError where there are none."""
+        """Samples, tensions (K, m) and cable lengths (K, m) of rows (K,); ImpossibleError where there are none.
+
+        Of a Delta: the forces along its rails and the heights of its carriages.
+        """
         robot, samples = self.robot, self.moving(rows)
+        if isinstance(robot, Delta):
+            force = delta.forces(robot, samples.poses, samples.rates, samples.accels)
+            return samples, force, delta.carriages(robot, samples.poses)
         try:
             lines = kinematics.cables(robot, samples.poses)
             matrix = wrench.wrench_matrix(robot, samples.poses, masked=True, lines=lines)
@@ -264,6 +273,7 @@ class _Source:
 
     def _reference(self, rows: Array) -> Array:
         """Level (m,) or (K, m) N the tensions are kept near: the plain one where the lead is over."""
+        assert not isinstance(self.robot, Delta)
         reference = self.robot.tension_reference
         if rows.min() >= self.lead_rows:
             return reference
@@ -308,12 +318,14 @@ def _header(given: Mapping[str, Any], source: _Source) -> dict[str, Any]:
     samples, planned, angle = source.commanded(np.zeros(1, dtype=np.int64))
     robot = source.robot
     assert robot.winders is not None
+    rigid = isinstance(robot, Delta)
     header = {
         **given,
-        "schema": SCHEMA, "kind": "stream", "version": __version__, "robot": robot.name, "units": UNITS,
+        "schema": SCHEMA, "kind": "stream", "version": __version__, "robot": robot.name,
+        "units": UNITS | ({"tension": "N, force of the motor along its rail, above 0: lifting"} if rigid else {}),
         "period_s": source.period_s, "rows": source.rows, "cables": robot.cables,
         "duration_s": float(source.trajectory.duration) + source.lead_rows * source.period_s,
-        "lead_rows": source.lead_rows, "extrude": source.extrude, "drive_reaction": REACTION,
+        "lead_rows": source.lead_rows, "extrude": source.extrude, "drive_reaction": reaction(cables=not rigid),
         "start_pose": samples.poses[0].tolist(),
         "start_angles_rad": angle[0].tolist(), "start_tensions_n": planned[0].tolist(),
         "end_angles_rad": _end_angles(source),

@@ -21,6 +21,7 @@ from cabslice.motors.approach import home_point
 from cabslice.motors.block import Block
 from cabslice.motors.start import Lead
 from cabslice.motors.stream import MotorStream, make_stream
+from cabslice.robot.delta import Machine
 from cabslice.robot.model import Robot
 from cabslice.slicing.layer import Role
 from cabslice.toolpath.path import Events, Toolpath
@@ -118,7 +119,7 @@ def _allow(robot: Robot, cable: int, angle: Array, velocity: Array, torque: Arra
             raise ImpossibleError(sentence, [finding])
 
 
-def circle(robot: Robot, *, radius: float, speed: float, height: float | None, filament_mm: float) -> Toolpath:
+def circle(robot: Machine, *, radius: float, speed: float, height: float | None, filament_mm: float) -> Toolpath:
     """A circle about the bed's middle as travels, at the nozzle's homing height or `height` mm over the bed.
 
     To be checked, planned and audited as any path.

@@ -8,6 +8,7 @@ from typing import Any
 
 from cabslice.feasibility.findings import Verdict
 from cabslice.pipeline.profiles import encoders, lead_of, period_of, placement_of, profile_names, profiles_of
+from cabslice.robot.delta import machine_from_printer
 from cabslice.store import Laid, Origin, Planned
 from cabslice.toolpath.path import Toolpath
 from cabslice.toolpath.summary import summary
@@ -48,7 +49,7 @@ def refuse_format(format: str, origin: Origin) -> None:
     """Raises UsageError where a motor file of that format cannot be made, however the job goes."""
     from cabslice.motors.formats import FORMATS
 
-    FORMATS[format].refuse({"cables": len(profiles_of(origin).printer.cable), **encoders(origin)})
+    FORMATS[format].refuse({"cables": machine_from_printer(profiles_of(origin).printer).cables, **encoders(origin)})
 
 
 def numbers_of(product: Laid | Planned, period_s: float | None = None) -> dict[str, Any]:

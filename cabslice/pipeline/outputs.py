@@ -14,7 +14,7 @@ from cabslice.feasibility.findings import Verdict
 from cabslice.files import STDOUT, atomic
 from cabslice.pipeline.headers import stream_header
 from cabslice.pipeline.inputs import origin_of
-from cabslice.pipeline.profiles import Profiles, encoders, lead_of, profile_names, profiles_of, robot_for
+from cabslice.pipeline.profiles import Profiles, encoders, lead_of, machine_for, profile_names, profiles_of, robot_for
 from cabslice.pipeline.stages import Progress, check_path, passed, proven, silent, stream_of
 from cabslice.robot.model import Robot
 from cabslice.store import Laid, Planned
@@ -50,7 +50,7 @@ def circle(
     from cabslice.motors import trial as motions
 
     assert profiles.printer.extruder is not None
-    path = motions.circle(robot_for(profiles.printer), radius=radius, speed=speed, height=height,
+    path = motions.circle(machine_for(profiles.printer), radius=radius, speed=speed, height=height,
                           filament_mm=profiles.printer.extruder.filament_diameter_mm)
     laid = Laid(origin_of("circle", hashlib.sha256(path.xyz.tobytes()).hexdigest(), profiles), path)
     verdict = passed(check_path(laid, progress, bare=True))

@@ -11,6 +11,7 @@ from cabslice.profile import shelf
 from cabslice.profile.material import Material
 from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
+from cabslice.robot.delta import Delta, Machine, machine_from_printer
 from cabslice.robot.model import Robot, robot_from_printer
 from cabslice.robot.usable import usable
 from cabslice.store import Laid, Origin, Product, Sliced
@@ -102,8 +103,19 @@ def robot_of(product: Made) -> Robot:
 
 
 def robot_for(printer: Printer) -> Robot:
-    """The robot as it may be used: no tension above what its motors hold."""
+    """The robot as it may be used: no tension above what its motors hold. ProfileError where it has no cables."""
     return usable(robot_from_printer(printer))
+
+
+def machine_of(product: Made) -> Machine:
+    """The machine of its printer; see machine_for."""
+    return machine_for(profiles_of(product.origin).printer)
+
+
+def machine_for(printer: Printer) -> Machine:
+    """The robot as it may be used, or a machine of another kind, for what does not ask for cables."""
+    machine = machine_from_printer(printer)
+    return machine if isinstance(machine, Delta) else usable(machine)
 
 
 def placement_of(origin: Origin) -> dict[str, Any]:
@@ -121,12 +133,15 @@ def profile_names(origin: Origin) -> dict[str, dict[str, str]]:
 
 
 def encoders(origin: Origin) -> dict[str, Any]:
-    counts = [cable.motor and cable.motor.counts_per_turn for cable in profiles_of(origin).printer.cable]
+    printer = profiles_of(origin).printer
+    motors = [printer.delta.motor] * 3 if printer.delta else [cable.motor for cable in printer.cable]
+    counts = [motor and motor.counts_per_turn for motor in motors]
     return {"encoder_counts_per_turn": counts} if all(counts) else {}
 
 
 def lead_of(origin: Origin) -> Lead:
-    start = profiles_of(origin).printer.start
+    printer = profiles_of(origin).printer
     from cabslice.motors.start import Lead
 
-    return Lead(start.tensioning_s, start.first_tension)
+    start = printer.start
+    return Lead() if printer.delta else Lead(start.tensioning_s, start.first_tension)

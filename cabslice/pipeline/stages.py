@@ -14,10 +14,11 @@ from cabslice.errors import ImpossibleError, ModelError, UsageError
 from cabslice.feasibility.findings import Verdict
 from cabslice.mesh.part import Part
 from cabslice.pipeline.inputs import Placed
-from cabslice.pipeline.profiles import lead_of, period_of, profiles_of, robot_of
+from cabslice.pipeline.profiles import lead_of, machine_of, period_of, profiles_of, robot_of
 from cabslice.profile.material import Material
 from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.model import Robot
 from cabslice.slicing.layer import Layer, Role
 from cabslice.store import Laid, Planned, Product, Sliced
@@ -98,11 +99,14 @@ def check_path(
 ) -> Verdict:
     """The margin of cables to the part is looked for up to `far` mm, where that is given. `bare`: nothing is laid."""
     from cabslice.feasibility.check import check
+    from cabslice.feasibility.rails import check as check_rails
     from cabslice.toolpath.checks import check_toolpath
 
     check_toolpath(product.toolpath)
+    whole, machine = product if isinstance(product, Planned) else with_ends(product), machine_of(product)
+    if isinstance(machine, Delta):
+        return check_rails(whole.toolpath, machine, bare=bare)
     robot = _kept_clear(product)
-    whole = product if isinstance(product, Planned) else with_ends(product)
     more = {} if far is None else {"far": far}
     return check(whole.toolpath, robot, progress=partial(progress, "check"), bare=bare, **more)
 
@@ -121,7 +125,7 @@ def with_ends(product: Laid) -> Laid:
     from cabslice.motors import approach
 
     start = profiles_of(product.origin).printer.start
-    return Laid(product.origin, approach.with_ends(product.toolpath, robot_of(product), start))
+    return Laid(product.origin, approach.with_ends(product.toolpath, machine_of(product), start))
 
 
 def taken_up(product: Laid | Planned, layer: int) -> tuple[Laid, Laid]:
@@ -129,7 +133,7 @@ def taken_up(product: Laid | Planned, layer: int) -> tuple[Laid, Laid]:
     from cabslice.motors import approach
 
     start = profiles_of(product.origin).printer.start
-    moved, whole = approach.resumed(product.toolpath, robot_of(product), start, layer)
+    moved, whole = approach.resumed(product.toolpath, machine_of(product), start, layer)
     return Laid(product.origin, moved), Laid(product.origin, whole)
 
 
@@ -137,7 +141,7 @@ def check_box(product: Placed | Product) -> Verdict | None:
     """What can be said of a part before it is sliced; None of a product, which is."""
     from cabslice.feasibility.fits import fits
 
-    return fits(product.part.bounds, robot_of(product)) if isinstance(product, Placed) else None
+    return fits(product.part.bounds, machine_of(product)) if isinstance(product, Placed) else None
 
 
 def to_plan(
@@ -236,9 +240,9 @@ def compared(plan: Planned, *, jobs: int = 1) -> list[dict[str, Any]]:
     return baseline.compared(plan.trajectory.duration, *_given(plan), jobs=jobs)
 
 
-def _given(product: Laid | Planned) -> tuple[Toolpath, Robot, Printer, Material, Process]:
+def _given(product: Laid | Planned) -> tuple[Toolpath, Machine, Printer, Material, Process]:
     profiles = profiles_of(product.origin)
-    return product.toolpath, robot_of(product), profiles.printer, profiles.material, profiles.process
+    return product.toolpath, machine_of(product), profiles.printer, profiles.material, profiles.process
 
 
 def at_speed(
@@ -298,8 +302,9 @@ def stream_of(plan: Planned, header: Mapping[str, Any], period_s: float, *, extr
     from cabslice.motors.stream import make_stream
     from cabslice.simulation.damping import relaxation
 
+    machine = machine_of(plan)
     return make_stream(
-        plan.trajectory, robot_of(plan), period_s=period_s, layers=plan.toolpath.layer, header=header,
+        plan.trajectory, machine, period_s=period_s, layers=plan.toolpath.layer, header=header,
         lead=lead_of(plan.origin), extrude=extrude,
-        relaxation=relaxation(profiles_of(plan.origin).printer, robot_of(plan)),
+        relaxation=0.0 if isinstance(machine, Delta) else relaxation(profiles_of(plan.origin).printer, machine),
     )

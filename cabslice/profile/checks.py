@@ -11,6 +11,7 @@ Legend
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,6 +22,7 @@ from cabslice.profile.values import Faults, Values, cables_of, number, numbers, 
 __all__ = ["MISSING", "relations"]
 
 FREEDOMS = ("x", "y", "z", "rx", "ry", "rz")
+LEAST_SINE = 1e-3                         # of the angle between two rails
 RANK_TOLERANCE = 1e-6                     # of the largest singular value
 
 
@@ -41,7 +43,38 @@ def _printer(values: Values) -> Faults:
             yield ("cable", index, *place), sentence
         if "winder" not in cable and any("winder" in other for other in cables):
             yield ("cable", index, "winder"), MISSING
+    yield from _kind(values, home)
     yield from _freedoms(values, cables, home)
+
+
+def _kind(values: Values, home: list[float]) -> Faults:
+    """Cables, or a Delta whose arms reach home with the carriages on their rails."""
+    own, other = ("delta", "cable") if values.get("kind") == "linear-delta" else ("cable", "delta")
+    if own not in values:
+        yield (own,), MISSING
+    if other in values:
+        yield (other,), f'a printer of kind "{values.get("kind", "cable")}" has no such table'
+    elif own == "delta":
+        yield from _rails(table(values, "delta"), home)
+
+
+def _rails(delta: Values, home: list[float]) -> Faults:
+    arm, radius = number(delta, "arm_mm"), number(delta, "radius_mm")
+    low, high = numbers(delta.get("travel_mm"), 2)
+    if low >= high:
+        yield ("delta", "travel_mm"), f"expected the lower height first, found {low:g} and {high:g}"
+    angles = [math.radians(angle) for angle in numbers(delta.get("rail_angles_deg", [0.0, 120.0, 240.0]), 3)]
+    sines = [math.sin(two - one) for one, two in zip(angles, [*angles[1:], angles[0]], strict=True)]
+    if min(sines) < LEAST_SINE and max(sines) > -LEAST_SINE:
+        yield ("delta", "rail_angles_deg"), "expected three rails all around, in turn"
+    for rail, angle in enumerate(angles, start=1):
+        level = math.hypot(home[0] - radius * math.cos(angle), home[1] - radius * math.sin(angle))
+        if level >= arm * math.sin(math.radians(number(delta, "max_arm_angle_deg"))):
+            yield ("delta", "arm_mm"), (
+                f"expected arms that reach home within max_arm_angle_deg, found {level:g} mm to bridge in the level "
+                f"plane from rail {rail}")
+        elif not math.isnan(level + arm) and not low <= (q := home[2] + math.sqrt(arm**2 - level**2)) <= high:
+            yield ("delta", "travel_mm"), f"expected carriage {rail} on its rail at home, at {q:g} mm"
 
 
 def _bodies(values: Values) -> Faults:

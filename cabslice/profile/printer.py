@@ -320,6 +320,30 @@ class Cable(Table):
     creep: Creep | None = Field(default=None, json_schema_extra=SELDOM)
 
 
+class Delta(Table):
+    """The rails, arms and motors of a linear Delta: three of each, alike. Its platform does not turn."""
+
+    arm_mm: float = Field(gt=0, le=1e5, description="length of the arms, joint to joint")
+    radius_mm: float = Field(
+        gt=0, le=1e5,
+        description="R - r: from the middle to a carriage's joint, less from the platform's middle to its joint",
+    )
+    rail_angles_deg: Vector = Field(default=[0.0, 120.0, 240.0], description="where the rails stand, from the x axis")
+    travel_mm: list[float] = Field(
+        min_length=2, max_length=2,
+        description="lowest and highest the joint of a carriage can be, machine frame",
+    )
+    max_arm_angle_deg: float = Field(gt=0, lt=90, description="of an arm from the vertical, what its joints allow")
+    carriage_mass_kg: float = Field(ge=0, le=1e4, description="one carriage with half of its arms")
+    max_acceleration_mm_s2: float | None = Field(
+        default=None, gt=0, le=1e6,
+        description="of a carriage; absent: only its motor limits it",
+    )
+    belt_radius_mm: float = Field(gt=0, le=1000, description="of the belt's pitch line on the motor's pulley")
+    home_angle_deg: float = Field(default=0.0, description="multi-turn motor angles with the platform at home")
+    motor: Motor = Field(json_schema_extra=SELDOM, description="of each carriage; above 0 it lifts")
+
+
 class Defaults(Table):
     """What is used when the command line does not say."""
 
@@ -328,11 +352,14 @@ class Defaults(Table):
 
 
 class Printer(Table):
-    """A cable printer. `assumed` names what the source does not give."""
+    """A cable printer, or a linear Delta. `assumed` names what the source does not give."""
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this file format")
     name: Name
-    kind: Literal["cable"] = Field(default="cable", description="what drives the platform")
+    kind: Literal["cable", "linear-delta"] = Field(
+        default="cable",
+        description="what drives the platform: cables, or carriages on three upright rails (table delta)",
+    )
     description: str = Field(default="", description="one line for lists; never inherited")
     source: str = Field(min_length=1, description="where the numbers come from")
     assumed: list[str] = Field(default=[], description="what the source does not give: 'key: what was assumed and why'")
@@ -356,4 +383,8 @@ class Printer(Table):
         description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame",
     )
     defaults: Defaults = Defaults()
-    cable: list[Cable] = Field(min_length=1, description="one [[cable]] each; keys common to all stand in [cables]")
+    delta: Delta | None = Field(default=None, json_schema_extra=SELDOM)
+    cable: list[Cable] = Field(
+        default=[], json_schema_extra=BY_DEFAULT,
+        description="one [[cable]] each; keys common to all stand in [cables]",
+    )

@@ -124,7 +124,7 @@ def starter(kind: str, name: str, parent: str | None = None, *, beside: Path | N
 
 
 def _section(table: Key, known: list[Key], values: Mapping[str, Any], inherits: bool) -> list[str]:
-    absent = inherits and _lookup(values, table.path) is None
+    absent = (inherits or table.seldom) and _lookup(values, table.path) is None
     within = [_line(key, values) for key in known if key.path[:-1] == table.path and not key.table]
     if table.type == LIST:
         return ["", f"# [[{table.dotted}]]    # one block for each; {table.description}", *within]
@@ -143,7 +143,7 @@ def _cable_sections(known: list[Key], values: Mapping[str, Any]) -> list[str]:
         lines += ["", f"{'# ' if absent else ''}[{header}]    # {words}"]
         within = [key for key in known if key.path[:-1] == table.path and not key.table and key not in own]
         lines += [_line(key, shared) for key in within]
-    for cable in values.get("cable", [{}]):
+    for cable in values.get("cable", [] if values else [{}]):
         lines += ["", "[[cable]]" + ("" if values else "    # one block for each cable")]
         lines += [_line(key, {"cable": cable}, ".".join(key.path[1:])) for key in own]
     return lines
@@ -157,7 +157,7 @@ def _has(values: Mapping[str, Any], path: tuple[str, ...]) -> bool:
 def _is_own(key: Key, values: Mapping[str, Any]) -> bool:
     if not values:
         return key.path in OWN
-    return any(_lookup(cable, key.path[1:]) is not None for cable in values["cable"])
+    return any(_lookup(cable, key.path[1:]) is not None for cable in values.get("cable", []))
 
 
 def _line(key: Key, values: Mapping[str, Any], name: str = "") -> str:

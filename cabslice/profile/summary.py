@@ -17,8 +17,11 @@ def _printer(model: Any) -> str:
     prints = f"it has no {', '.join(missing)} and cannot print"
     if not missing:
         prints = f"it prints with a {model.nozzle.diameter_mm:g} mm nozzle on {_by(model.bed.size_mm)} mm"
-    low, high = min(c.min_tension_n for c in model.cable), max(c.max_tension_n for c in model.cable)
     assumed = f"{len(model.assumed)} entries are marked as assumed" if model.assumed else "nothing is marked as assumed"
+    if model.kind == "linear-delta":
+        return (f"Printer {model.name} is right: a linear Delta with arms of {model.delta.arm_mm:g} mm, {prints}; "
+                f"{assumed}.")
+    low, high = min(c.min_tension_n for c in model.cable), max(c.max_tension_n for c in model.cable)
     return (f"Printer {model.name} is right: {len(model.cable)} cables of {low:g} to {high:g} N hold "
             f"{len(model.freedoms)} freedoms, {prints}; {assumed}.")
 

@@ -50,6 +50,7 @@ class Delta:
     bed_slope: Array = field(default_factory=lambda: np.zeros(2))
     gravity: Array = field(default_factory=lambda: GRAVITY)      # (3,) mm/s^2
     name: str = ""
+    turning: None = None               # its platform is level
 
     def __post_init__(self) -> None:
         shape = Shapes("Delta")
@@ -126,6 +127,11 @@ def _heights(places: Array, rails: Array, radius: float, arm: float) -> Array:
     return np.asarray(places[:, 2:3] + np.sqrt(square))
 
 
+def spans(delta: Delta, poses: Array) -> Array:
+    """|s| (K, 3) mm, which no arm may be shorter than."""
+    return np.asarray(np.linalg.norm(poses[:, None, :2] - delta.radius * delta.rails, axis=2))
+
+
 def arms(delta: Delta, poses: Array) -> tuple[Array, Array]:
     """s (K, 3, 2) and h (K, 3), mm. Raises PoseError as `carriages`."""
     poses = np.asarray(poses, float)
@@ -182,8 +188,9 @@ def heights_of(delta: Delta, angle: Array) -> Array:
 
 
 def forward(delta: Delta, heights: Array) -> Array:
-    """Poses (K, 6) of carriages at heights q (K, 3) mm: the lower of the two points that are L from the three ends."""
-    ends = np.concatenate((np.broadcast_to(delta.radius * delta.rails, (*heights.shape, 2)), heights[..., None]), axis=2)
+    """Poses (K, 6) of carriages at heights q (K, 3) mm: the lower of the two points that are L from all three."""
+    level = np.broadcast_to(delta.radius * delta.rails, (*heights.shape, 2))
+    ends = np.concatenate((level, heights[..., None]), axis=2)
     first, across, third = ends[:, 0], ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]
     length = np.linalg.norm(across, axis=1, keepdims=True)
     x = across / length

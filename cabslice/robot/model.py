@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from cabslice.arrays import Array, Shapes, set_columns
+from cabslice.errors import ProfileError
 from cabslice.robot.rotation import matrix
 from cabslice.robot.turning import Turning, turning_of
 
@@ -173,9 +174,13 @@ class Robot:
 def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
     """The robot part of a printer profile (cabslice.profile.printer.Printer) as columns.
 
-    With ``pulleys=False`` every cable leaves from its anchor point, to compare with papers.
+    With ``pulleys=False`` every cable leaves from its anchor point, to compare with papers. Raises ProfileError where
+    it is a printer of another kind (robot.delta).
     """
     cables = printer.cable
+    if not cables:
+        raise ProfileError(printer.name, [
+            f'it is a printer of kind "{printer.kind}": expected one with cables, which is what this is about'])
     diameter = np.array([cable.diameter_mm for cable in cables])
     groove = np.array([cable.pulley.groove_radius_mm for cable in cables])
     return Robot(
@@ -294,7 +299,20 @@ def _layer_radii(winder: Any, layers: int) -> Array:
     return np.concatenate((known, more))[:layers]
 
 
-def nozzle_poses(robot: Robot, xyz: Array) -> Array:
+class WithNozzle(Protocol):
+    """A machine of any kind that can print."""
+
+    @property
+    def nozzle(self) -> Array | None: ...
+
+    @property
+    def bed_origin(self) -> Array | None: ...
+
+    @property
+    def turning(self) -> Turning | None: ...
+
+
+def nozzle_poses(robot: WithNozzle, xyz: Array) -> Array:
     """Platform poses (K, 6), level or as the robot turns, that put the nozzle at xyz (K, 3) mm in bed coordinates."""
     poses = np.zeros((len(xyz), 6))
     poses[:, :3] = xyz + level_shift(robot)
@@ -304,7 +322,7 @@ def nozzle_poses(robot: Robot, xyz: Array) -> Array:
     return poses
 
 
-def nozzle_places(robot: Robot, poses: Array) -> Array:
+def nozzle_places(robot: WithNozzle, poses: Array) -> Array:
     """Nozzle tips (K, 3) mm in bed coordinates of poses (K, 6)."""
     shift = level_shift(robot)
     if not poses[:, 3:].any():
@@ -312,13 +330,13 @@ def nozzle_places(robot: Robot, poses: Array) -> Array:
     return np.asarray(poses[:, :3] + matrix(poses[:, 3:]) @ robot.nozzle - robot.bed_origin)
 
 
-def level_shift(robot: Robot) -> Array:
+def level_shift(robot: WithNozzle) -> Array:
     """(3,) mm: origin of a level platform in the machine frame less the nozzle in bed coordinates."""
     if robot.nozzle is None or robot.bed_origin is None:
         raise ValueError("the robot has no nozzle or no bed")
     return np.asarray(robot.bed_origin - robot.nozzle)
 
 
-def turned(robot: Robot) -> tuple[Turning | None, Array | None]:
+def turned(robot: WithNozzle) -> tuple[Turning | None, Array | None]:
     """How it turns its platform, and the nozzle it turns about; of a level one nothing."""
     return (robot.turning, robot.nozzle) if robot.turning is not None else (None, None)

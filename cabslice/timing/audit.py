@@ -20,6 +20,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Finding, Verdict
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.kinematics import cables
 from cabslice.robot.model import NEWTON, Robot, nozzle_places
 from cabslice.robot.pulley import CableLines
@@ -28,6 +29,7 @@ from cabslice.robot.tension import unmeasured
 from cabslice.robot.usable import usable_tension_max
 from cabslice.robot.winder import angles_and_levers
 from cabslice.robot.wrench import wrench_matrix
+from cabslice.timing import audit_rails
 from cabslice.timing.audit_words import ADVICE, SENTENCES, UNITS, UNKEPT
 from cabslice.timing.layers import dwells, layer_spans, least_times
 from cabslice.timing.trajectory import Samples, Trajectory, sample
@@ -46,12 +48,11 @@ WARY = 2.0                  # times a step squared times the acceleration: more 
 Progress = Callable[[int, int], None]
 
 
-
 @dataclass(frozen=True)
 class Subject:
     trajectory: Trajectory
     toolpath: Toolpath
-    robot: Robot
+    robot: Machine
     printer: Any
     material: Any
     process: Any
@@ -60,7 +61,7 @@ class Subject:
 
 
 def audit(
-    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    trajectory: Trajectory, toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any,
     *, step_s: float = STEP_S, jobs: int = 1, progress: Progress | None = None,
 ) -> Verdict:
     """Samples the motion every step_s seconds and says whether it keeps every limit.
@@ -73,7 +74,7 @@ def audit(
 
 
 def examine(
-    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    trajectory: Trajectory, toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any,
     *, step_s: float = STEP_S, jobs: int = 1, progress: Progress | None = None,
 ) -> tuple[Verdict, Array, Array]:
     """The audit, and every time (B,) s at which a slower motion would help with its share (B,) of the limit."""
@@ -111,10 +112,11 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     place = nozzle_places(subject.robot, seen.poses)
     accel = (place[2:] - 2 * place[1:-1] + place[:-2]) / step**2
     worst = Worst()
-    lines = cables(subject.robot, seen.poses[1:-1])
-    tension = _cables(subject, worst, times[1:-1], seen.move[1:-1], seen.poses, lines)
-    _turns(subject, worst, times, seen, place)
-    _motors(subject, worst, times[2:-2], seen.move[2:-2], lines.length, tension)
+    if isinstance(subject.robot, Delta):
+        audit_rails.see(subject.robot, worst, times[2:-2], seen.move[2:-2], seen.poses[1:-1], step)
+    else:
+        _forces(subject, subject.robot, worst, times, seen)
+        _turns(subject.robot, worst, times, seen, place)
     times, place, move, fed, accel = times[1:-1], place[1:-1], seen.move[1:-1], seen.filament[1:-1], accel[1:-1]
     now, at = times[1:-1], move[1:-1]
     around = np.stack((move[:-2], move[1:-1], move[2:]))
@@ -156,9 +158,15 @@ def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Arra
     worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
 
 
-def _turns(subject: Subject, worst: Worst, times: Array, seen: Samples, place: Array) -> None:
+def _forces(subject: Subject, robot: Robot, worst: Worst, times: Array, seen: Samples) -> None:
+    lines = cables(robot, seen.poses[1:-1])
+    tension = _cables(subject, robot, worst, times[1:-1], seen.move[1:-1], seen.poses, lines)
+    _motors(subject, robot, worst, times[2:-2], seen.move[2:-2], lines.length, tension)
+
+
+def _turns(robot: Robot, worst: Worst, times: Array, seen: Samples, place: Array) -> None:
     """The platform is turned as it was when the path was checked."""
-    turning, found = subject.robot.turning, seen.poses[:, 3:]
+    turning, found = robot.turning, seen.poses[:, 3:]
     if turning is None and not found.any():
         return
     right = np.tile(np.eye(3), (len(found), 1, 1)) if turning is None else turning.matrices(place)
@@ -191,10 +199,12 @@ def _axial(matrices: Array) -> Array:
     return np.stack((odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]), axis=1)
 
 
-def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array, lines: CableLines) -> Array:
+def _cables(
+    subject: Subject, robot: Robot, worst: Worst, now: Array, at: Array, around: Array, lines: CableLines
+) -> Array:
     """Tensions (K, m) that hold the platform on the motion, poses around (K + 2, 6), exist within the bounds: found,
     then verified on the spot; nan where not."""
-    robot, poses = subject.robot, around[1:-1]
+    poses = around[1:-1]
     required = _needed(robot, around, subject.step)
     wrench, free = wrench_matrix(robot, poses, lines=lines), robot.freedoms
     highest = usable_tension_max(robot)
@@ -210,10 +220,12 @@ def _cables(subject: Subject, worst: Worst, now: Array, at: Array, around: Array
     return np.where(held[:, None], found.tension, np.nan)
 
 
-def _motors(subject: Subject, worst: Worst, now: Array, at: Array, length: Array, tension: Array) -> None:
+def _motors(
+    subject: Subject, robot: Robot, worst: Worst, now: Array, at: Array, length: Array, tension: Array
+) -> None:
     """Speed and torque of the motors by differences of their angles at cable lengths (K + 2, m) under tension
     (K + 2, m), the take-up of what the cables stretch included; rows without tensions were found already."""
-    robot, winders, step = subject.robot, subject.robot.winders, subject.step
+    winders, step = robot.winders, subject.step
     known: Array = np.isfinite(tension.sum(axis=1))
     whole: Any = known[2:] & known[1:-1] & known[:-2]
     if winders is None or not np.any(whole):
@@ -358,7 +370,7 @@ def _finding(subject: Subject, code: str, entry: tuple[float, float, float, floa
     layer = int(subject.toolpath.layer[move])
     x, y, z = (float(number) for number in subject.toolpath.xyz[move])
     unit = UNITS[code] if code != "tension" else "of the range"
-    named = f" ({'motor' if code.startswith('motor') else 'cable'} {cable})" if cable else ""
+    named = f" ({'cable' if code == 'tension' else 'motor'} {cable})" if cable else ""
     sentence = (f"layer {layer}: {SENTENCES[code]}{named} at {time:.3f} s, nozzle near x {x:.1f} y {y:.1f} "
                 f"z {z:.1f} mm: {value:.4g}, limit {limit:.4g} {unit}")
     return Finding(code, layer, (x, y, z), cable, value, limit, unit, sentence, ADVICE.get(code, UNKEPT))

@@ -5,7 +5,8 @@ from __future__ import annotations
 UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "flow": "mm^3/s", "filament-speed": "mm/s",
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
          "missed": "", "dwell": "s", "layer-time": "s", "pause": "", "turn": "rad",
-         "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m"}
+         "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m",
+         "stroke": "mm", "arm-angle": "deg", "carriage-acceleration": "mm/s^2"}
 
 SENTENCES = {
     "speed": "the nozzle moves faster than the machine may",
@@ -23,6 +24,9 @@ SENTENCES = {
     "motor-speed": "a motor turns faster than it may, winding and taking up the stretch of its cable",
     "motor-torque": "a motor gives more than its peak torque",
     "motor-heat": "a motor gives more than its continuous torque in the mean of squares over the print",
+    "stroke": "a carriage leaves its rail, counted from the middle of its travel",
+    "arm-angle": "an arm leans more than its joints allow",
+    "carriage-acceleration": "a carriage accelerates more than it may",
     "layer-time": "a layer is over sooner than it may be",
     "pause": "a pause is asked for where the nozzle does not rest",
     "rest": "a piece does not start and end at rest",

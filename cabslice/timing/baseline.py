@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.errors import ProfileError
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.kinematics import jacobian
 from cabslice.robot.model import Robot, level_shift, nozzle_poses, turned
 from cabslice.robot.usable import stretch
@@ -139,10 +141,15 @@ def _trajectory(
 
 
 def compared(
-    duration_s: float, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, *, jobs: int = 1
+    duration_s: float, toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any, *, jobs: int = 1
 ) -> list[dict[str, Any]]:
     """The baselines beside a plan of duration_s: acceleration, largest step in a corner, time, time over that of the
-    plan, and what the audit of the plan finds in them: share of the limit by code."""
+    plan, and what the audit of the plan finds in them: share of the limit by code.
+
+    Raises ProfileError where there are no cables.
+    """
+    if isinstance(robot, Delta):
+        raise ProfileError(robot.name, ["what is compared with is safe for cables: expected a printer that has them"])
     given, rows = (toolpath, robot, printer, material, process), []
     for name, options in BASELINES.items():
         found = firmware(*given, **options)

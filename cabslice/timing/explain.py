@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
-from cabslice.robot.model import Robot
+from cabslice.robot.delta import Delta, Machine
 from cabslice.timing import limits as data
+from cabslice.timing import rails
 from cabslice.timing.limits import RESERVE, Limits, Nodes
 from cabslice.timing.path import Path
 from cabslice.timing.retime import Task, nodes_at, task_for
@@ -21,7 +22,7 @@ RAMP, REST = "between two limits", "rest between pieces"
 
 
 def time_by_limit(
-    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any
+    trajectory: Trajectory, toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any
 ) -> dict[str, float]:
     """Limit -> share of the print time in which it is the active one, largest first; the shares add up to 1."""
     task = task_for(toolpath, robot, printer, material, process, "compiled")
@@ -38,7 +39,7 @@ def time_by_limit(
     return {name: told[name] for name in sorted(told, key=lambda name: -told[name]) if told[name] > 0}
 
 
-def _shares(task: Task, robot: Robot, trajectory: Trajectory, node: Array, times: Array) -> tuple[list[str], Array]:
+def _shares(task: Task, robot: Machine, trajectory: Trajectory, node: Array, times: Array) -> tuple[list[str], Array]:
     """Names (L) and the shares (L, K) that the plan uses of each limit at times (K,) in the intervals at node (K,)."""
     span, passed = trajectory.s[node + 1] - trajectory.s[node], times - trajectory.time[node]
     first, u = np.sqrt(trajectory.x[node]), (trajectory.x[node + 1] - trajectory.x[node]) / (2 * span)
@@ -49,7 +50,7 @@ def _shares(task: Task, robot: Robot, trajectory: Trajectory, node: Array, times
     speeds = _speeds(task.toolpath, task.path, task.limits)
     found = {name: (rate / top[move]) ** 2 for name, top in speeds.items()}
     found |= {name: _used(block, u, rate**2) for name, block in _blocks(robot, places).items()}
-    found["motor speed"] = rate**2 / data.winder_speed_x(robot, places) if robot.winders else 0 * rate
+    found["motor speed"] = rate**2 / _motors_top(robot, places)
     found["corner (corner_mm)"] = np.linalg.norm(places.d2, axis=1) * rate**2 / task.bend
     feeding = np.abs(places.feed * u) / task.limits.feed_acceleration
     found["filament acceleration (extruder.max_acceleration_mm_s2)"] = feeding / (1 - RESERVE)
@@ -68,7 +69,19 @@ def _speeds(toolpath: Toolpath, path: Path, limits: Limits) -> dict[str, Array]:
     }
 
 
-def _blocks(robot: Robot, places: Nodes) -> dict[str, data.Block]:
+def _motors_top(robot: Machine, places: Nodes) -> Array:
+    if isinstance(robot, Delta):
+        return rails.speed_x(robot, places)
+    return data.winder_speed_x(robot, places) if robot.winders else np.full(len(places.poses), np.inf)
+
+
+def _blocks(robot: Machine, places: Nodes) -> dict[str, data.Block]:
+    if isinstance(robot, Delta):
+        return {
+            "acceleration (motion.max_acceleration_mm_s2)": data.axes(places),
+            "carriage acceleration (delta.max_acceleration_mm_s2)": rails.carriages(robot, places),
+            "motor torque": rails.torque(robot, places),
+        }
     return {
         "acceleration (motion.max_acceleration_mm_s2)": data.axes(places),
         "cable tension": data.tension(robot, places),

@@ -10,12 +10,14 @@ Legend
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.kinematics import length_accelerations
 from cabslice.robot.model import NEWTON, Robot, nozzle_poses
 from cabslice.robot.reach import tension_rows
@@ -80,10 +82,14 @@ def rows(robot: Robot, limits: Limits, nodes: Nodes) -> tuple[Array, Array, Arra
     """Rows a u + b x <= 1, a and b (K, R), and the margin (K,) at rest: <= 0 where the platform cannot even rest."""
     holding = tension(robot, nodes)
     margin = np.minimum(holding[3], -holding[2]).min(axis=0)
-    blocks = [holding, winding(robot, nodes), axes(nodes), _feeding(limits, nodes)]
+    return *scaled([holding, winding(robot, nodes), axes(nodes), feeding(limits, nodes)]), margin
+
+
+def scaled(blocks: Sequence[Block]) -> tuple[Array, Array]:
+    """a and b (K, R) of rows a u + b x <= 1, the reserve kept back: what every machine hands to the recursion."""
     a = np.concatenate([side for block in blocks for side in _one_sided(block[0], block)])
     b = np.concatenate([side for block in blocks for side in _one_sided(block[1], block)])
-    return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T), margin
+    return np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
 
 
 def _one_sided(values: Array, block: Block) -> tuple[Array, Array]:
@@ -103,10 +109,10 @@ def tension(robot: Robot, nodes: Nodes) -> Block:
         robot.tension_min, usable_tension_max(robot))
 
 
-def take_up_cap(robot: Robot, limits: Limits, xyz: Array) -> float:
+def take_up_cap(robot: Machine, limits: Limits, xyz: Array) -> float:
     """mm/s^2 per axis: averaged over the window, accelerations up to it stretch the cables no faster than the motors
     take up beside the greatest nozzle speed. xyz (K, 3) places of the nozzle."""
-    if robot.winders is None or not len(xyz):
+    if isinstance(robot, Delta) or robot.winders is None or not len(xyz):
         return np.inf
     fastest = winding_caps(robot)[1]
     room = np.maximum(fastest - limits.speed, LEAST_ROOM * fastest)
@@ -141,7 +147,7 @@ def axes(nodes: Nodes) -> Block:
     return a, b, -high, high
 
 
-def _feeding(limits: Limits, nodes: Nodes) -> Block:
+def feeding(limits: Limits, nodes: Nodes) -> Block:
     a = nodes.feed[None]
     high = np.full(a.shape, limits.feed_acceleration)
     return a, np.zeros_like(a), -high, high

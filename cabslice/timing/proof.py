@@ -11,7 +11,7 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.feasibility.findings import Verdict
-from cabslice.robot.model import Robot
+from cabslice.robot.delta import Machine
 from cabslice.timing.audit import Progress, examine
 from cabslice.timing.retime import plan
 from cabslice.timing.trajectory import Trajectory, piece_at, slowed
@@ -23,7 +23,7 @@ BOLDEST = 1.25      # at most this much in one round
 
 
 def plan_proven(
-    toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any,
     *, engine: str = "compiled", jobs: int = 1, planning: Progress | None = None, auditing: Progress | None = None,
 ) -> tuple[Trajectory, Verdict]:
     """The motion and the verdict of its audit; a verdict that is not ok is one that slowing down does not cure.
@@ -36,7 +36,7 @@ def plan_proven(
 
 
 def proven(
-    trajectory: Trajectory, toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    trajectory: Trajectory, toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any,
     *, jobs: int = 1, auditing: Progress | None = None,
 ) -> tuple[Trajectory, Verdict]:
     """A planned motion, slowed where its audit asks for it, and the verdict; as plan_proven."""

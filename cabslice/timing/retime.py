@@ -15,7 +15,8 @@ import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import ImpossibleError, PoseError
-from cabslice.robot.model import Robot, level_shift, turned
+from cabslice.robot.delta import Machine
+from cabslice.robot.model import level_shift, turned
 from cabslice.robot.turning import platform_motion
 from cabslice.timing.grid import Grid, lay_grid
 from cabslice.timing.layers import dwells, paced
@@ -44,7 +45,7 @@ Progress = Callable[[int, int], None]
 class Task:
     """What planning a block of pieces needs, the same for all blocks."""
 
-    robot: Robot
+    robot: Machine
     limits: Limits
     toolpath: Toolpath
     path: Path
@@ -73,7 +74,7 @@ class Block:
 
 
 def plan(
-    toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any,
+    toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any,
     *, engine: str = "compiled", jobs: int = 1, progress: Progress | None = None,
 ) -> Trajectory:
     """The fastest motion along the toolpath within the limits of the profiles.
@@ -102,7 +103,7 @@ def timed(task: Task, x: Array) -> Trajectory:
     return paced(_trajectory(task, everything, x), task.toolpath)
 
 
-def task_for(toolpath: Toolpath, robot: Robot, printer: Any, material: Any, process: Any, engine: str) -> Task:
+def task_for(toolpath: Toolpath, robot: Machine, printer: Any, material: Any, process: Any, engine: str) -> Task:
     limits = limits_of(printer, material)
     places = np.arange(0, len(toolpath.xyz), len(toolpath.xyz) // PLACES + 1)
     try:

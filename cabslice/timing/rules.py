@@ -7,19 +7,23 @@ and toppra.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from cabslice.arrays import Array
 from cabslice.errors import UsageError
+from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.model import Robot
 from cabslice.robot.usable import usable_tension_max
+from cabslice.timing import rails
 from cabslice.timing.limits import RESERVE, Limits, Nodes, rows, winder_speed_x, winding_caps
 
 CELL = 10.0      # mm
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)] + [[0.5, 0.5, 0.5]])
 QUIET = 0.9      # largest share of a cable limit that counts as never reached
+NodeRows = Callable[[Nodes], tuple[Array, Array, Array]]
 Engine = Callable[[Array, Array, Array, Array, Array], Array]
 
 
@@ -77,34 +81,43 @@ def _contiguous(nodes: Nodes) -> tuple[Array, Array, Array, Array, Array]:
 
 
 class ArrayRules:
-    def __init__(self, robot: Robot, limits: Limits, engine: Engine) -> None:
-        self.robot, self.limits, self.engine = robot, limits, engine
+    """The plug-in point for other machines: `rows` gives a, b (K, R) of a u + b x <= 1 and the margin (K,) at rest,
+    `highest` the largest x (K,), of the nodes."""
+
+    def __init__(self, rows: NodeRows, highest: Callable[[Nodes], Array], engine: Engine) -> None:
+        self.rows, self.highest, self.engine = rows, highest, engine
 
     def solve(self, nodes: Nodes, tight: Array, top: Array, step: Array, offsets: Array) -> tuple[Array, Array]:
-        a, b, margin = rows(self.robot, self.limits, nodes)
+        a, b, margin = self.rows(nodes)
         if not (margin > 0).all():
             return np.zeros(len(top)), margin
         a, b = a * tight[:, None], b * tight[:, None]
-        top = np.minimum(top, winder_speed_x(self.robot, nodes))
+        top = np.minimum(top, self.highest(nodes))
         return self.engine(a, b, top, step, offsets), margin
 
     def used(self, nodes: Nodes, u: Array, x: Array) -> Array:
-        a, b, _ = rows(self.robot, self.limits, nodes)
+        a, b, _ = self.rows(nodes)
         by_rows = (a * u[:, None] + b * x[:, None]).max(axis=1, initial=0.0)
-        return np.maximum(by_rows, x / winder_speed_x(self.robot, nodes))
+        return np.maximum(by_rows, x / self.highest(nodes))
 
 
-def rules_for(robot: Robot, limits: Limits, engine: str) -> Rules:
+def array_rules(robot: Machine, limits: Limits, engine: Engine) -> ArrayRules:
+    if isinstance(robot, Delta):
+        return ArrayRules(partial(rails.rows, robot, limits), partial(rails.speed_x, robot), engine)
+    return ArrayRules(partial(rows, robot, limits), partial(winder_speed_x, robot), engine)
+
+
+def rules_for(robot: Machine, limits: Limits, engine: str) -> Rules:
     """The rules of an engine: "compiled" (the default) or "toppra" (the reference). Raises UsageError."""
     if engine == "toppra":
         from cabslice.timing.stock import retime as stock
-        return ArrayRules(robot, limits, stock)
+        return array_rules(robot, limits, stock)
     if engine != "compiled":
         raise UsageError(f"unknown engine '{engine}': expected compiled or toppra")
     from cabslice.timing import kernel, recursion
 
-    if kernel.serves(robot) and robot.turning is None:
-        return CompiledRules(robot, limits)
-    return ArrayRules(robot, limits, recursion.retime)
+    if isinstance(robot, Delta) or not kernel.serves(robot) or robot.turning is not None:
+        return array_rules(robot, limits, recursion.retime)
+    return CompiledRules(robot, limits)
 
 

@@ -11,7 +11,7 @@ from cabslice.arrays import Array
 ROUNDING = 1e-6             # of a limit: finite differences are not exact
 CURED_BY_SLOWING = {
     "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
-    "motor-speed", "motor-torque",
+    "motor-speed", "motor-torque", "carriage-acceleration",
 }
 
 
@@ -47,7 +47,7 @@ class Worst:
         if code not in self.seen or not worst <= self.seen[code][0]:
             number = float(value[at, cable]), float(limit[cable]), float(times[at]), int(move[at]), cable + 1
             self.seen[code] = (worst, *number)
-        if not worst <= 1 + ROUNDING:
+        if code in CURED_BY_SLOWING and not worst <= 1 + ROUNDING:
             rows, cables = np.nonzero(~(share <= 1 + ROUNDING))
             self.broken.append((times[rows], share[rows, cables]))
 

@@ -62,7 +62,9 @@ def of_stream(stream: MotorStream) -> dict[str, Any]:
     from cabslice.motors.statistics import statistics
 
     header = stream.header
-    return statistics(stream).as_dict() | {"duration_s": header["duration_s"]} | dict(header.get("numbers", {}))
+    found = statistics(stream).as_dict() | {"duration_s": header["duration_s"]} | dict(header.get("numbers", {}))
+    kind = header.get("machine", {}).get("kind")
+    return found | ({"machine_kind": kind} if kind else {})
 
 
 def _times(duration: float, period: float) -> Iterator[Array]:
