@@ -126,3 +126,7 @@ def test_vertices_left_out_at_the_start_are_passed():
 
 def test_a_path_into_a_pulley_is_refused_with_cable_and_place():
     assert judged(2172, 7, 11, True, False) == "pulley"
+
+
+def test_motors_too_hot_from_turning_are_cooled_by_slowing_the_print():
+    assert judged(5557, 9, 24, False, True) == "planned"

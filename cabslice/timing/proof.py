@@ -1,4 +1,5 @@
-"""Plan, audit, and where the audit finds a limit broken between the places the planner looked at, slow that piece down.
+"""Plan, audit, and where the audit finds a limit broken between the places the planner looked at, slow that piece down;
+where the motors are loaded too much in the mean of the print, slow them all.
 
 A limit is never raised. Stretching the time of a piece by f divides its speeds by f and its accelerations by f^2.
 """
@@ -15,6 +16,7 @@ from cabslice.robot.delta import Machine
 from cabslice.timing.audit import Progress, examine
 from cabslice.timing.retime import plan
 from cabslice.timing.trajectory import Trajectory, piece_at, slowed
+from cabslice.timing.worst import ROUNDING
 from cabslice.toolpath.path import Toolpath
 
 ROUNDS = 6
@@ -43,9 +45,10 @@ def proven(
     given = toolpath, robot, printer, material, process
     for _ in range(ROUNDS):
         verdict, times, shares = examine(trajectory, *given, jobs=jobs, progress=auditing)
-        if not len(times):
+        heat = verdict.margins.get("motor_heat_share", 0.0)
+        if not len(times) and heat <= 1 + ROUNDING:
             break
-        trajectory = slowed(trajectory, _factors(trajectory, times, shares))
+        trajectory = slowed(trajectory, np.maximum(_factors(trajectory, times, shares), _cooler(heat)))
     else:
         verdict = examine(trajectory, *given, jobs=jobs, progress=auditing)[0]
     return trajectory, verdict
@@ -57,3 +60,8 @@ def _factors(trajectory: Trajectory, times: Array, shares: Array) -> Array:
     wanted = np.minimum(np.where(np.isfinite(shares), shares, BOLDEST) * MARGIN, BOLDEST)
     np.maximum.at(factor, piece_at(trajectory, times), wanted)
     return factor
+
+
+def _cooler(heat: float) -> float:
+    """By how much to stretch every piece: motors hold any tension of the plan for ever, what is more they turn with."""
+    return min(heat * MARGIN, BOLDEST) if heat > 1 + ROUNDING else 1.0
