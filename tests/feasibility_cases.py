@@ -100,35 +100,58 @@ def part_contacts(toolpath, robot, grow, *, stop=10**9) -> Contacts:
     return contacts(moves, beads, robot, np.broadcast_to(np.asarray(grow, float), (robot.cables,)), stop=stop)
 
 
-# ---- the independent judge: grids of points, refined around the least distance
+# ---- the independent judge: places along a move, each with its own pose, refined around the nearest of them
+
+SECTIONS = 30        # of a cable: its distance to a bead is convex along it
+
 
 def bead_distance(points, start, end, half, low, top):
-    """Distance (...,) from points (..., 3) to one bead: its line grown by `half` in plan, low <= z <= top."""
+    """Distance (...,) from points (..., 3) to beads (...): lines grown by `half` in plan, low <= z <= top."""
     way = end - start
-    share = np.clip((points[..., :2] - start) @ way / max(way @ way, 1e-30), 0, 1)
+    share = np.clip(((points[..., :2] - start) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-30), 0, 1)
     plan = np.linalg.norm(points[..., :2] - start - share[..., None] * way, axis=-1)
     rise = np.maximum(np.maximum(low - points[..., 2], points[..., 2] - top), 0.0)
     return np.hypot(np.maximum(plan - half, 0.0), rise)
 
 
-def sampled_distance(robot, toolpath, row, cable, bead_rows, *, grid=17, rounds=5):
-    """Least distance met between a cable during move `row` and the beads of some rows; each place from its own pose."""
-    best = np.inf
-    beads = [
-        (toolpath.xyz[b - 1, :2], toolpath.xyz[b, :2], toolpath.width[b] / 2,
-         toolpath.xyz[[b - 1, b], 2].min() - toolpath.height[b], toolpath.xyz[[b - 1, b], 2].max())
-        for b in bead_rows
-    ]
-    for bead in beads:
-        move, along = (0.0, 1.0), (0.0, 1.0)
-        for _ in range(rounds):
-            f, t = np.linspace(*move, grid), np.linspace(*along, 4 * grid)
-            xyz = toolpath.xyz[row - 1] + f[:, None] * (toolpath.xyz[row] - toolpath.xyz[row - 1])
-            lines = cables(robot, nozzle_poses(robot, xyz))
-            exits, tips = (ends[:, cable] - robot.bed_origin for ends in (lines.exit, lines.tip))
-            distance = bead_distance(exits[:, None] + t[:, None] * (tips - exits)[:, None], *bead)
-            i, j = np.unravel_index(distance.argmin(), distance.shape)
-            best = min(best, float(distance[i, j]))
-            move = f[max(i - 1, 0)], f[min(i + 1, len(f) - 1)]
-            along = t[max(j - 1, 0)], t[min(j + 1, len(t) - 1)]
+def sampled_distance(robot, toolpath, row, cable, bead_rows, *, grid=65, rounds=3, nearest=6):
+    """Least distance met between a cable during move `row` and the beads of some rows.
+
+    Along the move the distance may have several dips: the `nearest` of them are looked into.
+    """
+    b = np.asarray(bead_rows)
+    ends = toolpath.xyz[b - 1], toolpath.xyz[b]
+    z = np.stack((ends[0][:, 2], ends[1][:, 2]))
+    beads = ends[0][:, :2], ends[1][:, :2], toolpath.width[b] / 2, z.min(0) - toolpath.height[b], z.max(0)
+    f = np.linspace(0, 1, grid)
+    found = _cable_distances(robot, toolpath, row, cable, f, [column[:, None] for column in beads])
+    best, step = float(found.min()), 1 / (grid - 1)
+    dips = (found <= np.roll(found, 1, 1)) & (found <= np.roll(found, -1, 1))
+    dips |= np.isin(np.arange(grid), (0, grid - 1))
+    bead, place = np.nonzero(dips)
+    order = np.argsort(found[bead, place], kind="stable")[:nearest]
+    one, middle = bead[order], f[place[order]]
+    for _ in range(rounds if best > 0 else 0):
+        near = np.clip(middle[:, None] + step * np.linspace(-1, 1, 17), 0, 1)
+        value = _cable_distances(robot, toolpath, row, cable, near, [column[one, None] for column in beads])
+        best, step = min(best, float(value.min())), step / 8
+        middle = near[np.arange(len(one)), value.argmin(axis=1)]
     return best
+
+
+def _cable_distances(robot, toolpath, row, cable, f, beads):
+    """Distances (B, F) from beads, columns (B, 1), to a cable at shares f (F,) or (B, F) of a move, by sections."""
+    xyz = toolpath.xyz[row - 1] + f[..., None] * (toolpath.xyz[row] - toolpath.xyz[row - 1])
+    lines = cables(robot, nozzle_poses(robot, xyz.reshape(-1, 3)))
+    exits, tips = (ends[:, cable].reshape(xyz.shape) - robot.bed_origin for ends in (lines.exit, lines.tip))
+    size = np.broadcast_shapes(beads[2].shape, f.shape)
+    low, high = np.zeros(size), np.ones(size)
+
+    def distance(t):
+        return bead_distance(exits + t[..., None] * (tips - exits), *beads)
+
+    for _ in range(SECTIONS):
+        left, right = low + (high - low) / 3, high - (high - low) / 3
+        lower = distance(left) < distance(right)
+        low, high = np.where(lower, low, left), np.where(lower, right, high)
+    return distance((low + high) / 2)
