@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
+from cabslice.errors import ProfileError
 from cabslice.feasibility.bodies import body_of, cables_and, least_along, plate, shifted_apart
 from cabslice.feasibility.check import check, grown
 from cabslice.feasibility.exits import lines_at
 from cabslice.feasibility.shapes import Widths, first_met
 from cabslice.profile.shelf import load_printer
+from cabslice.profile.shown import show
 from cabslice.robot.model import robot_from_printer
+from cabslice.stl import write_stl
 
 SEEDS = st.integers(0, 2**32 - 1)
 HEAD = np.array([[x, y, z] for z, r in ((-98.0, 3.0), (-60.0, 30.0)) for x in (-r, r) for y in (-r, r)])
@@ -170,3 +173,44 @@ def test_shapes_are_profile_keys_and_flat_ones_are_faults(tmp_path, capsys):
     assert "platform_frame_mm" in content["verdict"]["margins"]
     assert not any(s.startswith("Not checked") and "print head" in s for s in content["verdict"]["checked"])
     assert run("check", part, *PRINTER, *SETS, "-s", "nozzle.hull_mm=[[0,0,0],[9,0,0],[0,9,0],[9,9,0]]") == 3
+
+
+def test_bodies_may_be_stl_files_beside_the_profile(tmp_path, capsys, monkeypatch):
+    """The convex hull of a cup is that of its outside; shown and read again it means the same without the files."""
+    corner = np.array([[x, y, z] for x in (-5, 5) for y in (-5, 5) for z in (-90.0, -60.0)])
+    dent = np.array([[[0, 0, -70], [1, 0, -70], [0, 1, -70]]], float)
+    faces = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6], [5, 6, 7], [0, 1, 4], [1, 4, 5]])
+    triangles = np.concatenate((corner[faces], dent))
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    stl = write_stl(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    (folder / "head.stl").write_bytes(stl)
+    text = 'schema = 1\ninherits = "cabfab-optim"\nobstacles_mm = ["head.stl"]\n[nozzle]\nhull_mm = "head.stl"\n'
+    (folder / "mine.toml").write_text(text)
+    printer = load_printer(folder / "mine.toml")
+    assert sorted(printer.nozzle.hull_mm) == sorted(corner.tolist())
+    assert printer.obstacles_mm == [printer.nozzle.hull_mm]
+    shown = tmp_path / "shown.toml"
+    shown.write_text(show("printers", str(folder / "mine.toml")).toml)
+    assert load_printer(shown).nozzle == printer.nozzle
+    monkeypatch.chdir(folder)
+    assert load_printer("cabfab-optim", ["nozzle.hull_mm=head.stl"]).nozzle == printer.nozzle
+
+
+@pytest.mark.parametrize(("content", "told"), [
+    (None, "No such file"), (b"nothing", "not an STL file"), ("flat", "all in one plane"), ("fine", "at most 400"),
+])
+def test_a_body_that_is_no_stl_is_told_with_its_line(tmp_path, content, told):
+    if content is not None:
+        points = np.random.default_rng(1).normal(size=(1500, 3))
+        points /= np.linalg.norm(points, axis=1)[:, None]
+        if content == "flat":
+            points[:, 2] = 0
+        rows = np.arange(1500).reshape(-1, 3)
+        (tmp_path / "b.stl").write_bytes(content if isinstance(content, bytes) else write_stl(points, rows))
+    (tmp_path / "mine.toml").write_text('schema = 1\ninherits = "cabfab-optim"\n\n[platform]\nhull_mm = "b.stl"\n')
+    with pytest.raises(ProfileError) as caught:
+        load_printer(tmp_path / "mine.toml")
+    assert told in str(caught.value)
+    assert "line 5: platform.hull_mm" in str(caught.value)
+    assert "mine.toml" in str(caught.value)

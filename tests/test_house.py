@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "cabslice"
 FLOORS = {
-    "errors": 0, "arrays": 0, "files": 0, "compiled": 0, "profile": 0,
+    "errors": 0, "arrays": 0, "files": 0, "compiled": 0, "stl": 0, "profile": 0,
     "mesh": 1, "slicing": 1, "robot": 1,
     "toolpath": 2,
     "feasibility": 3,
@@ -20,7 +20,7 @@ FLOORS = {
     "batch": 8, "advice": 8,
     "cli": 9,
 }
-GROUND = {"errors", "arrays", "files", "compiled"}  # anyone may use these, also rooms of the ground floor
+GROUND = {"errors", "arrays", "files", "compiled", "stl"}  # anyone may use these, also rooms of the ground floor
 DOORWAYS = {
     "trimesh": "mesh", "manifold3d": "slicing", "toppra": "timing", "shapely": "feasibility", "matplotlib": "view",
     "click": "cli", "rich": "cli", "dask": "batch", "distributed": "batch",

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from cabslice.errors import ModelError
 from cabslice.mesh.load import load_mesh
-from cabslice.mesh.stl import read_stl
 from cabslice.mesh.topology import signed_volumes
+from cabslice.stl import read_stl
 
 SAMPLES = Path(__file__).parents[1] / "samples"
 BODY = trimesh.creation.box((2, 3, 4))

@@ -95,7 +95,7 @@ def _write(found: Placed, output: str, overwrite: bool) -> None:
 
 def _stl(vertices: Array, faces: Array, output: str, overwrite: bool) -> None:
     from cabslice.files import atomic
-    from cabslice.mesh.stl import write_stl
+    from cabslice.stl import write_stl
 
     with atomic(output, overwrite) as file:
         file.write(write_stl(vertices, faces))

@@ -12,7 +12,7 @@ from cabslice.errors import ModelError, UsageError
 from cabslice.mesh.foreign import UNITS, read_foreign
 from cabslice.mesh.mend import mend
 from cabslice.mesh.part import Part
-from cabslice.mesh.stl import read_stl
+from cabslice.stl import read_stl
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 SMALL_MM, LARGE_MM = 1.0, 3000.0  # outside of this a unit is probably wrong

@@ -65,7 +65,8 @@ class Platform(Table):
     turn: Turn | None = Field(default=None, json_schema_extra=SELDOM)
     hull_mm: list[Vector] = Field(
         default=[],
-        description="corners of a convex body that holds the platform, platform frame; absent: not judged",
+        description="corners of a convex body that holds the platform, platform frame; or the name of an STL file, "
+                    "relative to this one, of which the convex hull is taken; absent: not judged",
     )
     cable_free_mm: float = Field(
         default=20.0, ge=0, le=1000,
@@ -80,7 +81,8 @@ class Nozzle(Table):
     offset_mm: Vector = Field(description="nozzle tip in the platform frame")
     hull_mm: list[Vector] = Field(
         default=[],
-        description="corners of a convex body that holds the print head, platform frame; absent: not judged",
+        description="corners of a convex body that holds the print head, platform frame; or the name of an STL file, "
+                    "as platform.hull_mm; absent: not judged",
     )
 
 
@@ -380,7 +382,8 @@ class Printer(Table):
     stream: Stream = Stream()
     obstacles_mm: list[list[Vector]] = Field(
         default=[],
-        description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame",
+        description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame, "
+                    "or by the name of an STL file, as platform.hull_mm",
     )
     defaults: Defaults = Defaults()
     delta: Delta | None = Field(default=None, json_schema_extra=SELDOM)

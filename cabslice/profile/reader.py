@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cabslice.errors import ProfileError, UsageError
+from cabslice.profile.hulls import with_hulls
 from cabslice.profile.toml import Place, literal
 from cabslice.profile.winders import foreign
 
@@ -64,11 +65,11 @@ class Draft:
 
 
 def read_sheet(path: Path) -> Sheet:
-    """Raises ProfileError with the line of a syntax error, or where the file cannot be read."""
+    """Raises ProfileError with the line of a syntax error, or where the file, or the STL of a body, cannot be read."""
     text = ""
     try:
         text = path.read_text(encoding="utf-8")
-        return Sheet(str(path), tomllib.loads(text), text)
+        return Sheet(str(path), with_hulls(tomllib.loads(text), path.parent, str(path), text), text)
     except tomllib.TOMLDecodeError as error:
         where = str(error).replace("at end of document", f"at end of document, line {text.count(chr(10)) + 1}")
         raise ProfileError(str(path), [f"not valid TOML: {where}"]) from error
@@ -204,7 +205,7 @@ def _set(draft: Draft, key: tuple[str, ...], value: Any) -> None:
     """``cables.x`` is x of every cable; ``cable.3.x`` counts from 1; anything else is itself."""
     cables = draft.values.get("cable", []) if draft.cables else []
     if not draft.cables or key[0] not in ("cable", "cables"):
-        _overlay(draft, draft.values, (), _nested(key, value), Origin(SET, ()))
+        _overlay(draft, draft.values, (), with_hulls(_nested(key, value), Path(), SET), Origin(SET, ()))
     elif key[0] == "cables" and len(key) > 1:
         for index, cable in enumerate(cables):
             _overlay(draft, cable, ("cable", index), _nested(key[1:], value), Origin(SET, ("cables",)))
