@@ -13,21 +13,22 @@ Legend
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, nan, sqrt
 
 import numpy as np
-from numba import njit
 
 from cabslice.arrays import Array
+from cabslice.compiled import compiled
 from cabslice.robot.model import NEWTON, Robot
-from cabslice.timing.recursion import retime_piece
+from cabslice.timing.recursion import fall, rise, work_for
 
 FREEDOMS = 6
 PARALLEL = 1e-9
 OWN = 8            # rows that need no cables
+KEPT = 2_048       # nodes of one piece whose rows are kept from the way back to the way forth
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled
 def _line(tip, anchor, axis, r, d1, d2, unit):
     """Fills the unit vector (3,) from tip to pulley; returns L' and L''; nan where the tip is inside the pulley."""
     ax, ay, az = tip[0] - anchor[0], tip[1] - anchor[1], tip[2] - anchor[2]
@@ -36,7 +37,7 @@ def _line(tip, anchor, axis, r, d1, d2, unit):
     rho = sqrt(ax * ax + ay * ay + az * az)
     square = (rho - r) ** 2 + z * z
     if square <= r * r or (r > 0.0 and rho <= r):
-        return np.nan, np.nan
+        return nan, nan
     scale = 1.0 / rho if rho > 0.0 else 1.0
     ax, ay, az = ax * scale, ay * scale, az * scale
     free = sqrt(square - r * r)
@@ -52,10 +53,11 @@ def _line(tip, anchor, axis, r, d1, d2, unit):
     return -along, turning - (unit[0] * d2[0] + unit[1] * d2[1] + unit[2] * d2[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled
 def _gauss_jordan(g, m, pivot, used):
     """Reduce g (6, m + 3) on six of its first m columns; pivot (6,) names them; False where W is singular."""
-    used[:] = False
+    for j in range(m):
+        used[j] = False
     for row in range(FREEDOMS):
         best, best_row, best_col = 0.0, -1, -1
         for i in range(row, FREEDOMS):
@@ -80,14 +82,14 @@ def _gauss_jordan(g, m, pivot, used):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled
 def _fill(a, b, at, slope_u, slope_x, low, high, keep):
     """Two rows of lo <= a u + b x <= hi, scaled so that rest has slack 1."""
     a[at], b[at] = slope_u / (high * keep), slope_x / (high * keep)
     a[at + 1], b[at + 1] = slope_u / (low * keep), slope_x / (low * keep)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled
 def _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b):
     """The rows that need no cables: acceleration of each axis and of the filament."""
     for axis in range(3):
@@ -95,7 +97,7 @@ def _own_rows(d1, d2, feed, accel, feed_accel, keep, a, b):
     _fill(a, b, 6, feed, 0.0, -feed_accel, feed_accel, keep)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _node(p, d1, d2, feed, accel, geometry, load, bounds, a, b, scratch):
     """Rows of one node into a, b (R,); returns the margin at rest as a share of the range (<= 0: cannot rest) and
     the largest |L'| over its cap. scratch: g (6, m+3), h (m, 2), tau (m, 3), unit (3,), tip (3,), pivot, used."""
@@ -166,57 +168,66 @@ def _node(p, d1, d2, feed, accel, geometry, load, bounds, a, b, scratch):
     return margin, fastest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _scratch(m):
-    return (np.empty((FREEDOMS, m + 3)), np.empty((m, 2)), np.empty((m, 3)), np.empty(3), np.empty(3),
-            np.empty(FREEDOMS, np.int64), np.empty(m, np.bool_))
+@compiled
+def _rows(places, first, last, tight, rows, robot, margin, highest, a, b, scratch):
+    """Rows of nodes first..last-1 into the first of a, b (KEPT, R); their margin at rest, and highest (G,) lowered."""
+    q, d1, d2, feed, accel = places
+    geometry, load, bounds = robot
+    for at in range(first, last):
+        k = at - first
+        if rows == OWN:
+            _own_rows(d1[at], d2[at], feed[at], accel[at], bounds[4], bounds[5], a[k], b[k])
+            margin[at] = 1.0
+        else:
+            margin[at], fastest = _node(
+                q[at], d1[at], d2[at], feed[at], accel[at], geometry, load, bounds, a[k], b[k], scratch)
+            if fastest > 0.0:
+                highest[at] = min(highest[at], 1.0 / (fastest * fastest))
+        for row in range(rows):
+            a[k, row] *= tight[at]
+            b[k, row] *= tight[at]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _row_count(m):
-    return OWN + 2 * m + m * (m - 1) * (m - 2) // 3
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _solve(q, d1, d2, feed, accel, quiet, tight, top, step, nodes, geometry, load, bounds, x, margin):
-    """Rows and recursion piece by piece, so that the rows of a piece stay in the cache."""
-    m = len(geometry[2])
-    _, _, _, _, feed_accel, keep = bounds
-    longest = 0
+@compiled
+def _solve(places, quiet, tight, highest, step, nodes, robot, x, margin, a, b, work, scratch):
+    """Rows and recursion piece by piece, so that the rows of a piece stay in the cache; of a long piece they are made
+    twice, in parts of KEPT nodes that share their ends."""
+    p, q, order = work
     for piece in range(len(nodes) - 1):
-        longest = max(longest, nodes[piece + 1] - nodes[piece])
-    a, b = np.empty((longest, _row_count(m))), np.empty((longest, _row_count(m)))
-    highest = np.empty(longest)
-    scratch = _scratch(m)
-    for piece in range(len(nodes) - 1):
-        first, count = nodes[piece], nodes[piece + 1] - nodes[piece]
-        last = first + count
-        rows = OWN if quiet[first:last].all() else a.shape[1]
-        for k in range(count):
-            at = first + k
-            if rows == OWN:
-                _own_rows(d1[at], d2[at], feed[at], accel[at], feed_accel, keep, a[k], b[k])
-                margin[at], fastest = 1.0, 0.0
-            else:
-                margin[at], fastest = _node(
-                    q[at], d1[at], d2[at], feed[at], accel[at], geometry, load, bounds, a[k], b[k], scratch)
-            highest[k] = min(top[at], 1.0 / (fastest * fastest)) if fastest > 0.0 else top[at]
-            for row in range(rows):
-                a[k, row] *= tight[at]
-                b[k, row] *= tight[at]
-        retime_piece(a[:count, :rows], b[:count, :rows], highest[:count], step[first:last - 1], x[first:last])
+        begin, final = nodes[piece], nodes[piece + 1] - 1
+        rows = OWN
+        for at in range(begin, final + 1):
+            if not quiet[at]:
+                rows = a.shape[1]
+                break
+        for k in range(2 * rows):
+            order[k] = k
+        p_now, q_now, order_now = p[:2 * rows], q[:2 * rows], order[:2 * rows]
+        x[begin] = x[final] = 0.0
+        low = high = final
+        while low > begin or high == begin:
+            high, low = low, max(begin, low - len(a) + 1)
+            _rows(places, low, high + 1, tight, rows, robot, margin, highest, a, b, scratch)
+            fall(a[:, :rows], b[:, :rows], highest[low:high], step[low:high], x[low:high + 1], p_now, q_now, order_now)
+            if high == begin:
+                break
+        x[begin] = 0.0
+        while True:
+            rise(a[:, :rows], b[:, :rows], step[low:high], x[low:high + 1], p_now, q_now)
+            if high >= final:
+                break
+            low, high = high, min(final, high + len(a) - 1)
+            _rows(places, low, high + 1, tight, rows, robot, margin, highest, a, b, scratch)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _used(q, d1, d2, feed, accel, quiet, u, x, geometry, load, bounds, out):
-    m = len(geometry[2])
-    _, _, _, _, feed_accel, keep = bounds
-    a, b = np.empty(_row_count(m)), np.empty(_row_count(m))
-    scratch = _scratch(m)
+@compiled
+def _used(places, quiet, u, x, robot, out, a, b, scratch):
+    q, d1, d2, feed, accel = places
+    geometry, load, bounds = robot
     for k in range(len(q)):
         rows, fastest = OWN, 0.0
         if quiet[k]:
-            _own_rows(d1[k], d2[k], feed[k], accel[k], feed_accel, keep, a, b)
+            _own_rows(d1[k], d2[k], feed[k], accel[k], bounds[4], bounds[5], a, b)
         else:
             _, fastest = _node(q[k], d1[k], d2[k], feed[k], accel[k], geometry, load, bounds, a, b, scratch)
             rows = len(a)
@@ -226,29 +237,34 @@ def _used(q, d1, d2, feed, accel, quiet, u, x, geometry, load, bounds, out):
         out[k] = worst
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _at_worst(q, speed, geometry, load, bounds, out):
-    m = len(geometry[2])
-    accel, keep = bounds[3], bounds[5]
-    count = _row_count(m)
-    a, b, total = np.empty(count), np.empty(count), np.empty(count)
-    direction, still = np.zeros(3), np.zeros(3)
-    scratch = _scratch(m)
+@compiled
+def _at_worst(q, directions, speed, robot, out, a, b, total, scratch):
+    geometry, load, bounds = robot
+    reach = bounds[3] * bounds[5]
     for k in range(len(q)):
-        total[:] = 0.0
         worst = 0.0
+        for row in range(OWN, len(a)):
+            total[row] = 0.0
         for axis in range(3):
-            direction[:] = 0.0
-            direction[axis] = 1.0
-            margin, fastest = _node(q[k], direction, still, 0.0, accel, geometry, load, bounds, a, b, scratch)
+            margin, fastest = _node(
+                q[k], directions[axis], directions[3], 0.0, bounds[3], geometry, load, bounds, a, b, scratch)
             if not margin > 0.0:
-                worst = np.inf
+                worst = inf
             worst += fastest * speed
-            for row in range(OWN, count):
-                total[row] += abs(a[row]) * accel * keep
-        for row in range(OWN, count):
+            for row in range(OWN, len(a)):
+                total[row] += abs(a[row]) * reach
+        for row in range(OWN, len(a)):
             worst = max(worst, total[row])
         out[k] = worst
+
+
+def _scratch(m: int) -> tuple:
+    return (np.empty((FREEDOMS, m + 3)), np.empty((m, 2)), np.empty((m, 3)), np.empty(3), np.empty(3),
+            np.empty(FREEDOMS, np.int64), np.empty(m, np.bool_))
+
+
+def _row_count(m: int) -> int:
+    return OWN + 2 * m + m * (m - 1) * (m - 2) // 3
 
 
 def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, accel: float, feed_accel: float,
@@ -277,17 +293,19 @@ def solve(q: Array, d1: Array, d2: Array, feed: Array, accel: Array, quiet: Arra
     step (G,), nodes (P+1,) as in recursion.retime.
     """
     x, margin = np.empty((2, len(q)))
-    geometry, load, bounds = robot_columns
-    _solve(q, d1, d2, feed, accel, quiet, tight, top, step, nodes, geometry, load, bounds, x, margin)
+    m = len(robot_columns[0][2])
+    a, b = np.empty((2, max(2, min(KEPT, int(np.diff(nodes).max()))), _row_count(m)))
+    _solve((q, d1, d2, feed, accel), quiet, tight, top.copy(), step, nodes, robot_columns, x, margin, a, b,
+           work_for(a.shape[1]), _scratch(m))
     return x, margin
 
 
 def used(q: Array, d1: Array, d2: Array, feed: Array, accel: Array, quiet: Array, u: Array, x: Array,
          robot_columns: tuple) -> Array:
     """(K,) largest share of any limit that (u, x) uses; nan where a cable cannot run."""
-    out = np.empty(len(q))
-    geometry, load, bounds = robot_columns
-    _used(q, d1, d2, feed, accel, quiet, u, x, geometry, load, bounds, out)
+    out, m = np.empty(len(q)), len(robot_columns[0][2])
+    a, b = np.empty((2, _row_count(m)))
+    _used((q, d1, d2, feed, accel), quiet, u, x, robot_columns, out, a, b, _scratch(m))
     return out
 
 
@@ -296,9 +314,9 @@ def at_worst(q: Array, speed: float, robot_columns: tuple) -> Array:
 
     Turning of the cables at that speed is not in it: leave room. inf where the platform cannot rest. q (K, 3).
     """
-    out = np.empty(len(q))
-    geometry, load, bounds = robot_columns
-    _at_worst(np.ascontiguousarray(q), speed, geometry, load, bounds, out)
+    out, m = np.empty(len(q)), len(robot_columns[0][2])
+    a, b, total = np.empty((3, _row_count(m)))
+    _at_worst(np.ascontiguousarray(q), np.eye(4, 3), speed, robot_columns, out, a, b, total, _scratch(m))
     return out
 
 

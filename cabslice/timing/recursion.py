@@ -14,15 +14,17 @@ Seidel's incremental method (Seidel 1991) starting with the rows that were tight
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
-from numba import njit
 
 from cabslice.arrays import Array
+from cabslice.compiled import compiled
 
 TOLERANCE = 1e-11
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _half_planes(a, b, step, i, p, q):
     """Rows of both ends of interval i as p x + q y <= 1."""
     rows = a.shape[1]
@@ -34,7 +36,7 @@ def _half_planes(a, b, step, i, p, q):
         q[rows + k] = b[i + 1, k] + a[i + 1, k] * gain
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _best_on_line(p, q, order, upto, line, x_top, y_top):
     """Largest x on p x + q y = 1 of row `line` within the box and the first `upto` rows of `order`; x < 0: none."""
     pl, ql = p[line], q[line]
@@ -73,7 +75,7 @@ def _best_on_line(p, q, order, upto, line, x_top, y_top):
     return x0 + dx * at, y0 + dy * at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _largest_x(p, q, order, x_top, y_top):
     """max x with 0 <= x <= x_top, 0 <= y <= y_top and every row; rows that cut move to the front of `order`."""
     x, y = x_top, 0.0
@@ -90,7 +92,7 @@ def _largest_x(p, q, order, x_top, y_top):
     return x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _largest_y(p, q, x, y_top):
     y = y_top
     for k in range(len(p)):
@@ -99,32 +101,28 @@ def _largest_y(p, q, x, y_top):
     return max(y, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def retime_piece(a, b, top, step, x):
-    """Fill x (n+1,) with the largest speeds squared of one piece that starts and ends at rest.
-
-    a, b (n+1, R) rows at the nodes, top (n+1,), step (n,) mm.
-    """
-    n = len(step)
-    rows = a.shape[1]
-    p, q = np.empty(2 * rows), np.empty(2 * rows)
-    order = np.arange(2 * rows)
-    x[n] = 0.0
-    for i in range(n - 1, -1, -1):
+@compiled
+def fall(a, b, top, step, x, p, q, order):
+    """Fill x (n,) of nodes 0..n-1 with `reach`, backwards from that of node n. a, b (n+1, R) rows, top (n,), step (n,)
+    mm; work p, q, order (2 R,)."""
+    for i in range(len(step) - 1, -1, -1):
         _half_planes(a, b, step[i], i, p, q)
         x[i] = _largest_x(p, q, order, top[i], x[i + 1])
-    x[0] = 0.0
-    for i in range(n):
+
+
+@compiled
+def rise(a, b, step, x, p, q):
+    """Lower x (n+1,) to what can be reached from node 0 on; arguments as fall."""
+    for i in range(len(step)):
         _half_planes(a, b, step[i], i, p, q)
         x[i + 1] = _largest_y(p, q, x[i], x[i + 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def spread(top, step, window):
-    """Lower `top` (n+1,) around every node as far as the nozzle runs in half of `window` s at that node's speed."""
-    source = top.copy()
+@compiled
+def _spread(source, top, step, window):
+    """Lower `top` (n+1,) around every node of `source` as far as the nozzle runs in half of `window` s there."""
     for i in range(len(top)):
-        reach = 0.5 * window * np.sqrt(source[i])
+        reach = 0.5 * window * sqrt(source[i])
         run, k = 0.0, i
         while k < len(step) and run < reach:
             run += step[k]
@@ -137,26 +135,37 @@ def spread(top, step, window):
             top[k] = min(top[k], source[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _retime(a, b, top, step, nodes, x):
+@compiled
+def _retime(a, b, top, step, nodes, x, p, q, order):
     for piece in range(len(nodes) - 1):
         first, last = nodes[piece], nodes[piece + 1]
-        retime_piece(a[first:last], b[first:last], top[first:last], step[first:last - 1], x[first:last])
+        x[first] = x[last - 1] = 0.0
+        for k in range(len(order)):
+            order[k] = k
+        rows, cut = slice(first, last), slice(first, last - 1)
+        fall(a[rows], b[rows], top[cut], step[cut], x[rows], p, q, order)
+        x[first] = 0.0
+        rise(a[rows], b[rows], step[cut], x[rows], p, q)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _widen(top, step, nodes, window):
+@compiled
+def _widen(source, top, step, nodes, window):
     for piece in range(len(nodes) - 1):
         first, last = nodes[piece], nodes[piece + 1]
-        spread(top[first:last], step[first:last - 1], window)
+        _spread(source[first:last], top[first:last], step[first:last - 1], window)
 
 
 def widened(top: Array, step: Array, nodes: Array, window: float) -> Array:
     """top (G,) of a motion that will be averaged over window s: speeds asked for in one move hold around it too."""
-    top = top.copy()
+    lowered = top.copy()
     if window > 0:
-        _widen(top, step, nodes, window)
-    return top
+        _widen(top, lowered, step, nodes, window)
+    return lowered
+
+
+def work_for(rows: int) -> tuple[Array, Array, Array]:
+    """p, q, order of as many rows."""
+    return np.empty(2 * rows), np.empty(2 * rows), np.arange(2 * rows)
 
 
 def retime(a: Array, b: Array, top: Array, step: Array, nodes: Array) -> Array:
@@ -167,5 +176,5 @@ def retime(a: Array, b: Array, top: Array, step: Array, nodes: Array) -> Array:
     Source: Pham & Pham 2018, eq. 14-17, with rows at both ends of each interval.
     """
     x = np.empty(len(top))
-    _retime(np.ascontiguousarray(a), np.ascontiguousarray(b), top, step, nodes, x)
+    _retime(np.ascontiguousarray(a), np.ascontiguousarray(b), top, step, nodes, x, *work_for(a.shape[1]))
     return x
