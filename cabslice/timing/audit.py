@@ -1,7 +1,8 @@
 """The finished motion judged by someone who did not plan it.
 
 Positions are taken from the trajectory at even times; speeds and accelerations are their finite differences, and
-tensions are found anew from them. Nothing of the planner is used: not its rows, not its grid, not its derivatives.
+tensions are found anew from them (audit_forces). Nothing of the planner is used: not its rows, not its grid, not its
+derivatives.
 
 Legend
     p_k          position of the nozzle (or the centre of mass) at time k dt
@@ -24,12 +25,11 @@ from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.kinematics import cables
 from cabslice.robot.model import NEWTON, Robot, nozzle_places
 from cabslice.robot.pulley import CableLines
-from cabslice.robot.rotation import cross, matrix
-from cabslice.robot.tension import unmeasured
-from cabslice.robot.usable import usable_tension_max
+from cabslice.robot.rotation import matrix
 from cabslice.robot.winder import angles_and_levers
 from cabslice.robot.wrench import wrench_matrix
 from cabslice.timing import audit_rails
+from cabslice.timing.audit_forces import found_tensions, needed, second_opinion
 from cabslice.timing.audit_words import ADVICE, SENTENCES, UNITS, UNKEPT
 from cabslice.timing.layers import dwells, layer_spans, least_times
 from cabslice.timing.trajectory import Samples, Trajectory, sample
@@ -38,7 +38,6 @@ from cabslice.toolpath.path import RESTS, Toolpath
 
 STEP_S = 1e-3
 BLOCK_ROWS = 8_000          # so that what is made of them stays near the processor
-BALANCE = 1e-6              # of the largest tension: how well the tensions must hold the wrench
 PLACE_MM = 1e-6
 STILL_MM = 1e-9
 TURN_RAD = 1e-6
@@ -89,6 +88,8 @@ def examine(
     worst.merge(_ends(subject))
     _coverage(subject, worst)
     _heat(subject, worst)
+    if isinstance(robot, Robot):
+        second_opinion(robot, trajectory, step_s, blocks[-1][1] if blocks else 0, worst, jobs)
     times, shares = (np.concatenate([found[k] for found in worst.broken] or [np.zeros(0)]) for k in (0, 1))
     return _verdict(subject, worst, blocks[-1][1] if blocks else 0), times, shares
 
@@ -174,50 +175,16 @@ def _turns(robot: Robot, worst: Worst, times: Array, seen: Samples, place: Array
     worst.see("turn", off, np.full(len(off), TURN_RAD), times, seen.move)
 
 
-def _needed(robot: Robot, poses: Array, step: float) -> Array:
-    """(K, 6) N, N mm: what holds the platform at the inner ones of poses (K + 2, 6), step s apart, by differences."""
-    if not poses[:, 3:].any():
-        accel = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) / step**2
-        force = robot.mass * (accel - robot.gravity) * NEWTON
-        return np.hstack((force, cross(robot.centre_of_mass, force)))
-    turn = matrix(poses[:, 3:])
-    centre = poses[:, :3] + turn @ robot.centre_of_mass
-    accel = (centre[2:] - 2 * centre[1:-1] + centre[:-2]) / step**2
-    force = robot.mass * (accel - robot.gravity) * NEWTON
-    moment = np.cross(turn[1:-1] @ robot.centre_of_mass, force)
-    back = turn[1:-1].swapaxes(1, 2)
-    spin = _axial((turn[2:] - turn[:-2]) @ back) / (2 * step)
-    spun = _axial((turn[2:] - 2 * turn[1:-1] + turn[:-2]) @ back) / step**2
-    inertia = turn[1:-1] @ robot.inertia @ back
-    torque = np.einsum("kij,kj->ki", inertia, spun) + np.cross(spin, np.einsum("kij,kj->ki", inertia, spin))
-    return np.hstack((force, moment + NEWTON * torque))
-
-
-def _axial(matrices: Array) -> Array:
-    """(K, 3) of the antisymmetric part of (K, 3, 3)."""
-    odd = (matrices - matrices.swapaxes(1, 2)) / 2
-    return np.stack((odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]), axis=1)
-
-
 def _cables(
     subject: Subject, robot: Robot, worst: Worst, now: Array, at: Array, around: Array, lines: CableLines
 ) -> Array:
     """Tensions (K, m) that hold the platform on the motion, poses around (K + 2, 6), exist within the bounds: found,
     then verified on the spot; nan where not."""
-    poses = around[1:-1]
-    required = _needed(robot, around, subject.step)
-    wrench, free = wrench_matrix(robot, poses, lines=lines), robot.freedoms
-    highest = usable_tension_max(robot)
-    bounds = robot.tension_min, highest, robot.tension_reference
-    found = unmeasured(wrench[:, free], required[:, free], *bounds)
-    supplied = np.einsum("kfm,km->kf", wrench, np.nan_to_num(found.tension))
-    arm = max(float(np.abs(robot.attachments).max()), 1.0)
-    missing = np.abs(supplied - required) / np.where(np.arange(6) < 3, 1.0, arm)
-    held = found.feasible & (missing[:, free] <= BALANCE * robot.tension_max.max()).all(axis=1)
-    half, middle = (highest - robot.tension_min) / 2, (highest + robot.tension_min) / 2
-    share = np.where(held[:, None], np.abs(found.tension - middle) / half, np.inf)
+    wrench = wrench_matrix(robot, around[1:-1], lines=lines)
+    tension, share = found_tensions(robot, wrench, needed(robot, around[:-2], around[1:-1], around[2:], subject.step))
     worst.see_cables("tension", share, np.ones(robot.cables), now, at)
-    return np.where(held[:, None], found.tension, np.nan)
+    worst.see_tight(share, now)
+    return tension
 
 
 def _motors(
@@ -359,7 +326,9 @@ def _coverage(subject: Subject, worst: Worst) -> None:
 def _verdict(subject: Subject, worst: Worst, rows: int) -> Verdict:
     seen = sorted(worst.seen.items())
     names = ", ".join(code for code, _ in seen)
-    checked = (f"the finished motion at {rows} times {subject.step * 1e3:g} ms apart: {names}",)
+    checked = (f"the finished motion at {rows} times {subject.step * 1e3:g} ms apart: {names}",
+               *([f"tensions by another method, their quadratic programme, at {worst.again} of these times: one in a "
+                  "hundred, drawn, and the tightest"] if worst.again else []))
     findings = tuple(_finding(subject, code, entry) for code, entry in seen if not entry[0] <= 1 + ROUNDING)
     margins = {f"{code.replace('-', '_')}_share": entry[0] for code, entry in seen}
     return Verdict(checked, findings, margins)
@@ -370,7 +339,7 @@ def _finding(subject: Subject, code: str, entry: tuple[float, float, float, floa
     layer = int(subject.toolpath.layer[move])
     x, y, z = (float(number) for number in subject.toolpath.xyz[move])
     unit = UNITS[code] if code != "tension" else "of the range"
-    named = f" ({'cable' if code == 'tension' else 'motor'} {cable})" if cable else ""
+    named = f" ({'cable' if code.startswith('tension') else 'motor'} {cable})" if cable else ""
     sentence = (f"layer {layer}: {SENTENCES[code]}{named} at {time:.3f} s, nozzle near x {x:.1f} y {y:.1f} "
                 f"z {z:.1f} mm: {value:.4g}, limit {limit:.4g} {unit}")
     return Finding(code, layer, (x, y, z), cable, value, limit, unit, sentence, ADVICE.get(code, UNKEPT))

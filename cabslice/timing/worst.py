@@ -9,6 +9,7 @@ import numpy as np
 from cabslice.arrays import Array
 
 ROUNDING = 1e-6             # of a limit: finite differences are not exact
+TIGHTEST = 10_000
 CURED_BY_SLOWING = {
     "speed", "feature-speed", "acceleration", "flow", "filament-speed", "filament-step", "tension", "path", "vertex",
     "motor-speed", "motor-torque", "carriage-acceleration",
@@ -24,6 +25,8 @@ class Worst:
     squares: Array | float = 0.0     # (m,) sum of motor torque^2 over `rows` samples, (N m)^2
     rows: int = 0
     broken: list[tuple[Array, Array]] = field(default_factory=list)   # times and shares above 1 that slowing down cures
+    tight: list[tuple[Array, Array]] = field(default_factory=list)    # largest shares of a tension, and when
+    again: int = 0         # samples whose tensions were found by another method too
 
     def see(self, code: str, value: Array, limit: Array, times: Array, move: Array, cable: int = 0) -> None:
         if not len(value):
@@ -51,10 +54,30 @@ class Worst:
             rows, cables = np.nonzero(~(share <= 1 + ROUNDING))
             self.broken.append((times[rows], share[rows, cables]))
 
+    def see_tight(self, share: Array, times: Array) -> None:
+        """Keeps the times (K,) whose tensions have the largest share (K, m)."""
+        self.tight.append((share.max(axis=1), times))
+        self._keep_tightest()
+
+    def tightest(self) -> tuple[Array, Array]:
+        """The TIGHTEST largest shares seen, and their times."""
+        none = np.zeros(0)
+        return self.tight[0] if self.tight else (none, none)
+
+    def _keep_tightest(self) -> None:
+        share, times = (np.concatenate([one[k] for one in self.tight]) for k in (0, 1))
+        if len(share) > TIGHTEST:
+            kept = np.argpartition(-share, TIGHTEST)[:TIGHTEST]
+            share, times = share[kept], times[kept]
+        self.tight = [(share, times)]
+
     def merge(self, other: Worst) -> None:
         self.vertices += other.vertices
         self.squares, self.rows = self.squares + other.squares, self.rows + other.rows
         self.broken += other.broken
+        if other.tight:
+            self.tight += other.tight
+            self._keep_tightest()
         for code, entry in other.seen.items():
             if code not in self.seen or not entry[0] <= self.seen[code][0]:
                 self.seen[code] = entry
