@@ -16,10 +16,11 @@ from cabslice.errors import EXIT_IMPOSSIBLE
 @click.argument("file", metavar="PART")
 @options.machine
 @options.plate
+@options.orientation
 @options.jobs
 @click.option("--try/--no-try", "try_", default=True, help="Where it cannot: try what would help, or only say why not.")
 @options.talk
-def check(file: str, machine: Machine, placing: Placing, jobs: int, try_: bool, talk: Talk) -> None:
+def check(file: str, machine: Machine, placing: Placing, orientation: str, jobs: int, try_: bool, talk: Talk) -> None:
     """Can this robot make this part? Exit code 0 yes, 4 no.
 
     PART is a mesh, a .layers, a .path or a .plan (of a plan the finished motion is audited as well). Prints every
@@ -36,7 +37,7 @@ def check(file: str, machine: Machine, placing: Placing, jobs: int, try_: bool, 
     if verdict is None or verdict.ok:
         with talk.progress() as tick:
             ready = product if isinstance(product, Planned) else pipeline.to_path(product, tick, jobs=jobs)
-            verdict = pipeline.check(ready, tick, jobs=jobs)
+            verdict = pipeline.check(ready, tick, jobs=jobs, free=orientation == "free")
     name = pipeline.profiles_of(product.origin).printer.name
     sentence = f"{name} {'can' if verdict.ok else 'cannot'} make {product.origin.part} as asked."
     content = summary("check", product) | {"ok": verdict.ok, "sentence": sentence, "verdict": verdict.as_dict()}

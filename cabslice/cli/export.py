@@ -19,13 +19,14 @@ FORMATS = "\n\n".join(["Formats:", *(f"{row.name} ({row.suffix}): {row.about}" f
 @options.plate
 @options.engine
 @options.accurate
+@options.orientation
 @options.jobs
 @click.option("--period-ms", type=click.FloatRange(0.25, 50), help="Sample time of the drives; default: the printer's.")
 @options.playing
 @options.output
 @options.talk
 def export(
-    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, jobs: int,
+    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, orientation: str, jobs: int,
     period_ms: float | None, playing: Playing, output: Output, talk: Talk,
 ) -> None:
     """Write the motor file. From a part this does everything: slice, check, plan, audit.
@@ -42,7 +43,8 @@ def export(
     product = begin(file, options.with_accuracy(machine, accuracy_um), placing, talk, planning=True)
     pipeline.refuse_format(target.format, product.origin)
     with talk.progress() as tick:
-        planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs, from_layer=playing.from_layer)
+        planned, verdict = pipeline.to_plan(
+            product, tick, engine=engine, jobs=jobs, from_layer=playing.from_layer, free=orientation == "free")
         planned, verdict = pipeline.at_speed(planned, verdict, playing.speed / 100, tick, jobs=jobs)
         period = period_ms / 1e3 if period_ms else pipeline.period_of(planned)
         stream = pipeline.to_stream(

@@ -202,6 +202,12 @@ engine = click.option("--engine", type=click.Choice(["compiled", "toppra"]), def
                       help="What finds the speed: our own recursion, or toppra as the reference.")
 
 
+orientation = click.option(
+    "--orientation", type=click.Choice(["profile", "free"]), default="profile", show_default=True,
+    help="free: the platform is turned a little while it prints, within platform.tilt_max_deg and yaw_max_deg, where "
+         "that keeps cables away from the part; else as platform.turn says, or level.")
+
+
 @dataclass(frozen=True)
 class Playing:
     """What of a plan is played, and how."""

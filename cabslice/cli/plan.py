@@ -15,13 +15,14 @@ from cabslice.cli.report import Talk
 @options.plate
 @options.engine
 @options.accurate
+@options.orientation
 @options.jobs
 @options.output
 @click.option("--compare", is_flag=True, help="Beside it the time at one acceleration that is safe everywhere.")
 @options.talk
 def plan(
-    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, jobs: int, output: Output,
-    compare: bool, talk: Talk,
+    file: str, machine: Machine, placing: Placing, engine: str, accuracy_um: float | None, orientation: str, jobs: int,
+    output: Output, compare: bool, talk: Talk,
 ) -> None:
     """Find how fast the robot may follow the path, and audit the finished motion.
 
@@ -35,7 +36,7 @@ def plan(
 
     product = begin(file, options.with_accuracy(machine, accuracy_um), placing, talk, planning=True)
     with talk.progress() as tick:
-        planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs)
+        planned, verdict = pipeline.to_plan(product, tick, engine=engine, jobs=jobs, free=orientation == "free")
     found = pipeline.numbers_of(planned)
     found["time_share_by_limit"] = pipeline.active_limits(planned)
     rows = pipeline.compared(planned, jobs=jobs) if compare else []

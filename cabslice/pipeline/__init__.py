@@ -52,6 +52,7 @@ from cabslice.pipeline.stages import (
     active_limits,
     at_speed,
     audited,
+    best_turned,
     check,
     check_box,
     check_path,
@@ -72,9 +73,9 @@ from cabslice.pipeline.stages import (
 
 __all__ = [
     "GCODE", "Foreign", "Placed", "Placement", "Profiles", "Progress", "active_limits", "as_json", "at_speed",
-    "audited", "check", "check_box", "check_path", "circle", "compared", "converted", "encoders", "for_printer",
-    "freed", "load_profiles", "matched", "numbers_of", "origin_of", "part_clearance", "passed", "period_of",
-    "placement_of", "planned", "profile_names", "profiles_of", "proven", "read", "read_gcode", "refuse_format",
-    "robot_for", "robot_of", "save_gcode", "save_stream", "silent", "stream_header", "stream_of", "taken_up",
-    "to_layers", "to_path", "to_plan", "to_stream", "trial", "with_ends",
+    "audited", "best_turned", "check", "check_box", "check_path", "circle", "compared", "converted", "encoders",
+    "for_printer", "freed", "load_profiles", "matched", "numbers_of", "origin_of", "part_clearance", "passed",
+    "period_of", "placement_of", "planned", "profile_names", "profiles_of", "proven", "read", "read_gcode",
+    "refuse_format", "robot_for", "robot_of", "save_gcode", "save_stream", "silent", "stream_header", "stream_of",
+    "taken_up", "to_layers", "to_path", "to_plan", "to_stream", "trial", "with_ends",
 ]

@@ -61,11 +61,17 @@ def to_path(product: Placed | Product, progress: Progress = silent, *, jobs: int
     return Laid(product.origin, toolpath)
 
 
-def check(product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1) -> Verdict:
-    """Can this robot follow this path, from home and back? Of a plan also: does the motion keep every limit?"""
+def check(
+    product: Laid | Planned, progress: Progress = silent, *, jobs: int = 1, free: bool = False
+) -> Verdict:
+    """Can this robot follow this path, from home and back? Of a plan also: does the motion keep every limit?
+
+    free: a path may be printed with the platform turned (best_turned).
+    """
+    _refuse_turned(product, free)
     if isinstance(product, Planned):
         return check_path(product, progress).joined(audited(product, progress, jobs=jobs))
-    return freed(product, progress)[1]
+    return (best_turned if free else freed)(product, progress)[1]
 
 
 def freed(product: Laid, progress: Progress = silent, *, far: float | None = None) -> tuple[Laid, Verdict]:
@@ -85,6 +91,33 @@ def freed(product: Laid, progress: Progress = silent, *, far: float | None = Non
         return product, verdict
     other = Laid(product.origin, found.toolpath)
     return other, replace(check_path(other, progress, far=far), changed=(found.sentence,))
+
+
+def _refuse_turned(product: Placed | Product, free: bool) -> None:
+    if free and isinstance(product, Planned):
+        raise UsageError("--orientation free is for a part or a path: a plan is made for the platform as it is turned.")
+
+
+def best_turned(product: Laid, progress: Progress = silent) -> tuple[Laid, Verdict]:
+    """The path with the way of turning the platform, within platform.tilt_max_deg and yaw_max_deg, that lets it be
+    printed or keeps cables farther from the part; as it was where none is found. And the verdict on it."""
+    from cabslice.feasibility import orient
+    from cabslice.feasibility.check import grown
+    from cabslice.pipeline.turns import turn_sentence, with_turn
+
+    laid, before = freed(product, progress, far=orient.FAR)
+    if {finding.code for finding in before.findings} - {"cable-part", "cable-cable", "tension", "head-part"}:
+        return laid, before
+    robot, platform = _kept_clear(laid), profiles_of(laid.origin).printer.platform
+    limits = platform.tilt_max_deg, platform.yaw_max_deg
+    found = orient.best_turning(with_ends(laid).toolpath, robot, grown(robot), *limits)
+    if found is None:
+        return laid, before
+    other, after = freed(Laid(with_turn(product.origin, found), product.toolpath), progress, far=orient.FAR)
+    gain = after.margins.get("cable_part_mm", -1.0) - before.margins.get("cable_part_mm", -1.0)
+    if not after.ok or (before.ok and gain <= 0):
+        return laid, before
+    return other, replace(after, changed=(turn_sentence(found, before, after), *after.changed))
 
 
 def _kept_clear(product: Laid | Planned) -> Robot:
@@ -146,12 +179,14 @@ def check_box(product: Placed | Product) -> Verdict | None:
 
 def to_plan(
     product: Placed | Product, progress: Progress = silent, *, engine: str = "compiled", jobs: int = 1,
-    from_layer: int | None = None,
+    from_layer: int | None = None, free: bool = False,
 ) -> tuple[Planned, Verdict]:
     """The audited motion. Raises ImpossibleError with the findings where the robot cannot make it.
 
-    With `from_layer` only what is from that layer on, with what is below it on the bed.
+    With `from_layer` only what is from that layer on, with what is below it on the bed. `free`: the platform may be
+    turned (best_turned). UsageError where that is asked for of a plan, which is made for the platform as it was.
     """
+    _refuse_turned(product, free)
     if isinstance(product, Planned) and from_layer is None:
         return product, passed(check(product, progress, jobs=jobs))
     box = check_box(product)
@@ -162,7 +197,7 @@ def to_plan(
     else:
         laid = to_path(product, progress, jobs=jobs)
     if from_layer is None or not isinstance(product, Planned):
-        laid, verdict = freed(laid, progress)
+        laid, verdict = (best_turned if free else freed)(laid, progress)
     if from_layer is not None:
         laid, shown = taken_up(laid, from_layer)
         verdict = check_path(shown, progress)
