@@ -17,11 +17,11 @@ from cabslice.motors.check import verify_stream
 from cabslice.robot.turning import Turning
 from cabslice.timing.trajectory import sample
 
-EDGE, COARSE, FINE = 217.0, 10.0, 2.0
+EDGE, COARSE, FINE = 219.0, 10.0, 2.0
 
 
 def tall_box(edge=EDGE):
-    """218 mm wide and tall; thick beads as far up as nothing is near."""
+    """220 mm wide, 218 tall; thick beads as far up as nothing is near."""
     low = stacked([[box_loop(edge)]] * 20, height=COARSE, width=1.0)
     high = stacked([[box_loop(edge)]] * 109, height=FINE, width=1.0)
     above = np.flatnonzero(high.xyz[:, 2] > low.xyz[:, 2].max() + 0.5 * FINE)

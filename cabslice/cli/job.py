@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 OF_GCODE = {
-    "corner_mm", "pause_layers", "filament_change_layers", "reroute_travels", "max_flow_mm3_s", "density_g_cm3",
-    "price_per_kg",
+    "corner_mm", "pause_layers", "filament_change_layers", "reorder_islands", "reroute_travels", "max_flow_mm3_s",
+    "density_g_cm3", "price_per_kg",
 }
 
 

@@ -20,6 +20,7 @@ from cabslice.feasibility.obstacles import (
     Obstacles,
     beads_of,
     bed_edges,
+    island_stages,
     laying,
     moves_of,
     moving,
@@ -225,10 +226,30 @@ def _part(job: Job, moves: Tree, part: Tree, grow: Array, far: float, tell: Prog
         tell(SURVEYED + (STEPS - SURVEYED) * done // of, STEPS)
 
     met = contacts(moves, part, job.robot, grow, far=far, progress=share)
+    within = _within_layers(met, moves, part)
+    if within is not None:                   # some of it may have been laid only later in the same layer
+        job, moves, part = _by_islands(job, within)
+        met = contacts(moves, part, job.robot, grow, far=far, progress=share)
     found = _told(job, met, moves, part, grow, "cable-part")
     tell(STEPS, STEPS)
     least = {"cable_part_mm": _least(met, found)}
     return Verdict((_compared(job, met, part),), tuple(found), least, _capped(met, "cable_part_mm"))
+
+
+def _within_layers(met: Contacts, moves: Tree, part: Tree) -> int | None:
+    """The first stage in which a move meets what is laid in it; None where there is none."""
+    stage = moves.items.stage[met.move]
+    same = stage == part.items.stage[met.bead]
+    return int(stage[same].min()) if same.any() else None
+
+
+def _by_islands(job: Job, first: int) -> tuple[Job, Tree, Tree]:
+    """The same in stages that end with each run of beads, from stage `first` on."""
+    path = job.toolpath
+    stages = island_stages(path, printing_stages(path), first)
+    moves, part = tree_of_moves(moves_of(path, stages), job.robot), tree_of_beads(beads_of(path, stages))
+    assert isinstance(moves.items, Moves)
+    return replace(job, moves=moves.items), moves, part
 
 
 def _capped(met: Contacts, key: str) -> tuple[str, ...]:

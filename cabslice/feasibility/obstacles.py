@@ -128,6 +128,14 @@ def printing_stages(toolpath: Toolpath) -> Array:
     return np.concatenate(([0], np.cumsum(change))).astype(np.int32)
 
 
+def island_stages(toolpath: Toolpath, stages: Array, first: int) -> Array:
+    """(N,) int32: printing_stages with one more for each run of beads in stages from `first` on, so that what is laid
+    in a layer counts once its run is laid."""
+    beads = laying(toolpath)
+    begins = beads & ~np.concatenate(([False], beads[:-1])) & (stages >= first)
+    return (stages + np.cumsum(begins)).astype(np.int32)
+
+
 def laying(toolpath: Toolpath) -> Array:
     """(N,) bool: moves that lay a bead, with a length and filament fed."""
     return moving(toolpath) & (toolpath.filament > 0)

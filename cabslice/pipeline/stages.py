@@ -75,22 +75,27 @@ def check(
 
 
 def freed(product: Laid, progress: Progress = silent, *, far: float | None = None) -> tuple[Laid, Verdict]:
-    """The path as it can be followed, with the verdict on it: where nothing but travels is in the way of cables or
-    platform (and process.reroute_travels), these are led around what stands."""
-    from cabslice.feasibility import reroute
+    """The path as it can be followed, with the verdict on it: islands of a layer in an order in which none is in the
+    way of another (process.reorder_islands), and travels led around what stands (process.reroute_travels)."""
+    from cabslice.feasibility import islands, reroute
     from cabslice.feasibility.check import grown
 
     verdict = check_path(product, progress, far=far)
-    if verdict.ok or not reroute.only_travels(verdict.findings):
-        return product, verdict
-    if not profiles_of(product.origin).process.reroute_travels:
-        return product, verdict
-    whole, robot = with_ends(product), _kept_clear(product)
-    found = reroute.reroute(whole.toolpath, robot, grown(robot))
-    if found is None:
-        return product, verdict
-    other = Laid(product.origin, found.toolpath)
-    return other, replace(check_path(other, progress, far=far), changed=(found.sentence,))
+    changed: tuple[str, ...] = ()
+    process = profiles_of(product.origin).process
+    ways: tuple[tuple[bool, Callable[..., Any], Callable[..., Any]], ...] = (
+        (process.reorder_islands, islands.only_beads, islands.reordered),
+        (process.reroute_travels, reroute.only_travels, reroute.reroute),
+    )
+    for wanted, helps, change in ways:
+        if verdict.ok or not wanted or not helps(verdict.findings) or isinstance(machine_of(product), Delta):
+            continue
+        robot = _kept_clear(product)
+        found = change(with_ends(product).toolpath, robot, grown(robot))
+        if found is not None:
+            product, changed = Laid(product.origin, found.toolpath), (*changed, found.sentence)
+            verdict = replace(check_path(product, progress, far=far), changed=changed)
+    return product, verdict
 
 
 def _refuse_turned(product: Placed | Product, free: bool) -> None:
@@ -105,6 +110,8 @@ def best_turned(product: Laid, progress: Progress = silent) -> tuple[Laid, Verdi
     from cabslice.feasibility.check import grown
     from cabslice.pipeline.turns import turn_sentence, with_turn
 
+    if isinstance(machine_of(product), Delta):
+        raise UsageError("--orientation free is for cable robots: a linear Delta cannot turn its platform.")
     laid, before = freed(product, progress, far=orient.FAR)
     if {finding.code for finding in before.findings} - {"cable-part", "cable-cable", "tension", "head-part"}:
         return laid, before

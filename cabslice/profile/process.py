@@ -137,6 +137,10 @@ class Process(Table):
         default=True,
         description="travels in which a cable or the platform would meet the print are led around it, or lifted",
     )
+    reorder_islands: bool = Field(
+        default=True,
+        description="islands of a layer in which a cable would meet another one just laid are laid before that one",
+    )
     pause_layers: list[LayerNumber] = Field(
         default=[], max_length=1000, description="layers before which the print pauses, counted from 0",
     )
