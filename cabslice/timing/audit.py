@@ -28,7 +28,7 @@ from cabslice.robot.pulley import CableLines
 from cabslice.robot.rotation import matrix
 from cabslice.robot.winder import angles_and_levers
 from cabslice.robot.wrench import wrench_matrix
-from cabslice.timing import audit_rails
+from cabslice.timing import audit_filament, audit_rails
 from cabslice.timing.audit_forces import found_tensions, needed, second_opinion
 from cabslice.timing.audit_words import ADVICE, SENTENCES, UNITS, UNKEPT
 from cabslice.timing.layers import dwells, layer_spans, least_times
@@ -57,6 +57,7 @@ class Subject:
     process: Any
     step: float
     asked: Array          # (N,) mm/s asked of the nozzle in each move; 0 where only filament moves
+    fed: audit_filament.Fed
 
 
 def audit(
@@ -78,7 +79,8 @@ def examine(
 ) -> tuple[Verdict, Array, Array]:
     """The audit, and every time (B,) s at which a slower motion would help with its share (B,) of the limit."""
     asked = np.where(_moved(toolpath) > 0, toolpath.speed, 0.0)
-    subject = Subject(trajectory, toolpath, robot, printer, material, process, step_s, asked)
+    fed = audit_filament.fed_by(toolpath)
+    subject = Subject(trajectory, toolpath, robot, printer, material, process, step_s, asked, fed)
     worst, blocks = Worst(), list(_blocks(trajectory.duration, step_s))
     with ThreadPoolExecutor(jobs) as pool:
         for done, found in enumerate(pool.map(lambda block: _judge(subject, *block), blocks)):
@@ -124,6 +126,8 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     stride = np.linalg.norm(np.diff(place, axis=0), axis=1) / step
     _kinematic(subject, worst, now, at, around, np.maximum(stride[1:], stride[:-1]), accel)
     _feeding(subject, worst, now, at, around, fed)
+    extruder, window = subject.printer.extruder, subject.trajectory.window
+    audit_filament.see(subject.fed, worst, extruder, window, times, move, fed)
     off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
     _vertices(subject, worst, times, place, move, float(np.linalg.norm(accel, axis=1).max()))

@@ -6,7 +6,8 @@ UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "fl
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
          "missed": "", "dwell": "s", "layer-time": "s", "pause": "", "turn": "rad",
          "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m",
-         "tension-again": "N", "stroke": "mm", "arm-angle": "deg", "carriage-acceleration": "mm/s^2"}
+         "tension-again": "N", "filament-at-vertex": "mm",
+         "stroke": "mm", "arm-angle": "deg", "carriage-acceleration": "mm/s^2"}
 
 SENTENCES = {
     "speed": "the nozzle moves faster than the machine may",
@@ -19,6 +20,7 @@ SENTENCES = {
     "path": "the nozzle leaves the toolpath by more than the corner tolerance",
     "vertex": "a vertex of the toolpath is passed too far away",
     "tension-again": "two methods find other tensions for the same motion",
+    "filament-at-vertex": "more or less filament is fed at a vertex than the toolpath says",
     "filament": "filament was lost",
     "missed": "a part of the toolpath is not passed",
     "dwell": "a pause that was asked for is missing",
