@@ -93,5 +93,6 @@ def save_gcode(laid: Laid, path: str | Path, *, overwrite: bool = False, flavor:
         write_gcode(
             laid.toolpath, file,
             printer_name=profiles.printer.name, material=profiles.material, process=profiles.process,
-            flavor=flavor, bed_mm=(bed.size_mm[0], bed.size_mm[1]) if bed else None,
+            flavor=flavor, start=profiles.printer.gcode.start, end=profiles.printer.gcode.end,
+            bed_mm=(bed.size_mm[0], bed.size_mm[1]) if bed else None,
         )

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cabslice.profile.cable_checks import MISSING, cable_faults
+from cabslice.profile.placeholders import PLACEHOLDERS, strangers
 from cabslice.profile.turn_checks import turn_faults
 from cabslice.profile.values import Faults, Values, cables_of, number, numbers, table
 
@@ -38,6 +39,7 @@ def _printer(values: Values) -> Faults:
     yield from _bodies(values)
     yield from _home_over_bed(values, home)
     yield from turn_faults(values)
+    yield from _own_lines(table(values, "gcode"))
     for index, cable in enumerate(cables):
         for place, sentence in cable_faults(cable, home):
             yield ("cable", index, *place), sentence
@@ -75,6 +77,12 @@ def _rails(delta: Values, home: list[float]) -> Faults:
                 f"plane from rail {rail}")
         elif not math.isnan(level + arm) and not low <= (q := home[2] + math.sqrt(arm**2 - level**2)) <= high:
             yield ("delta", "travel_mm"), f"expected carriage {rail} on its rail at home, at {q:g} mm"
+
+
+def _own_lines(gcode: Values) -> Faults:
+    for key, lines in gcode.items():
+        for name in strangers(lines) if isinstance(lines, str) else ():
+            yield ("gcode", key), f"{{{name}}} is no placeholder; expected one of {', '.join(PLACEHOLDERS)}"
 
 
 def _bodies(values: Values) -> Faults:

@@ -164,6 +164,13 @@ class Stream(Table):
     period_ms: float = Field(default=2.0, ge=0.25, le=50, description="sample time of the drives")
 
 
+class Gcode(Table):
+    """Lines of the printer's own in G-code files; {name} in them stands for a figure (profile.placeholders)."""
+
+    start: str = Field(default="", max_length=20000, description="before the print; {layers} and such filled in")
+    end: str = Field(default="", max_length=20000, description="after it; {height_mm} and such are filled in")
+
+
 class Pulley(Table):
     """The swivelling guide pulley on the frame; a groove of radius 0 is an eyelet."""
 
@@ -380,6 +387,7 @@ class Printer(Table):
     motion: Motion | None = None
     start: Start = Start()
     stream: Stream = Stream()
+    gcode: Gcode = Gcode()
     obstacles_mm: list[list[Vector]] = Field(
         default=[],
         description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame, "
