@@ -24,6 +24,7 @@ OF_GCODE = {
 def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning: bool = False) -> Placed | Product:
     """Read a part or an earlier product; say on stderr which profiles are used and what was mended."""
     from cabslice import pipeline, store
+    from cabslice.mesh.load import SUFFIXES
 
     for name in (file, *placing.also):
         if not Path(name).is_file():
@@ -31,7 +32,7 @@ def begin(file: str, machine: Machine, placing: Placing, talk: Talk, *, planning
     gcode = Path(file).suffix.lower() in pipeline.GCODE
     if placing.foreign.given and not gcode:
         raise UsageError(f"{file} is no G-code: --mismatch, --gcode-filament-mm and --gcode-origin are for G-code.")
-    if is_motor_file(file):
+    if Path(file).suffix.lower() not in SUFFIXES and is_motor_file(file):
         raise UsageError(f"{file} is a motor file already: cabslice convert writes it in another format.")
     if store.is_product(file) or Path(file).suffix.removeprefix(".") in store.KINDS:
         product: Any = _adapted(store.load(file)[1], file, machine, placing)

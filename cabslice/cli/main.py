@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import gc
 import importlib
 import os
 import sys
@@ -17,6 +18,7 @@ from cabslice import __version__, errors
 from cabslice.cli import interrupt
 from cabslice.cli.report import print_json
 
+GARBAGE = 100_000   # objects made before Python looks for circles among them: there are few, and looking takes time
 COMMANDS = {
     "Make": {
         "slice": "cut a part into layers and lay the path of the nozzle",
@@ -96,10 +98,13 @@ def cli(ctx: click.Context) -> None:
 
 
 def run() -> None:
+    gc.set_threshold(GARBAGE, 20, 20)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")   # matrices are small: other threads would only wait for work
     try:
         code = main(sys.argv[1:])
     except KeyboardInterrupt:      # a second one, while the end of the first was being told
         code = errors.EXIT_INTERRUPTED
+    gc.disable()   # all goes with the process
     sys.exit(code)
 
 

@@ -13,7 +13,6 @@ from cabslice.profile.printer import Printer
 from cabslice.profile.process import Process
 from cabslice.robot.delta import Delta, Machine, machine_from_printer
 from cabslice.robot.model import Robot, robot_from_printer
-from cabslice.robot.usable import usable
 from cabslice.store import Laid, Origin, Product, Sliced
 
 if TYPE_CHECKING:
@@ -104,6 +103,8 @@ def robot_of(product: Made) -> Robot:
 
 def robot_for(printer: Printer) -> Robot:
     """The robot as it may be used: no tension above what its motors hold. ProfileError where it has no cables."""
+    from cabslice.robot.usable import usable  # here: slicing needs no compiled parts of the robot
+
     return usable(robot_from_printer(printer))
 
 
@@ -114,6 +115,8 @@ def machine_of(product: Made) -> Machine:
 
 def machine_for(printer: Printer) -> Machine:
     """The robot as it may be used, or a machine of another kind, for what does not ask for cables."""
+    from cabslice.robot.usable import usable
+
     machine = machine_from_printer(printer)
     return machine if isinstance(machine, Delta) else usable(machine)
 

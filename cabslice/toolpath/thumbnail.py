@@ -86,8 +86,7 @@ def _view(path: Toolpath, width: int, height: int) -> _View | None:
                 flat = _ends(path, rows) @ np.stack(_eye()[:2], axis=1)
                 low, high = np.minimum(low, flat.min(axis=(0, 1))), np.maximum(high, flat.max(axis=(0, 1)))
                 long += path.lengths_of(begin, end)[rows - begin].sum()
-                some = rows[::1 + len(path.role) // POINTS]
-                sizes.append(np.stack((path.width[some], path.height[some]), axis=1))
+                sizes.append(np.stack((path.width[rows], path.height[rows]), axis=1))
         if np.isfinite(low).all():
             raster = np.array([width, height]) * FINER
             pixel = float(np.max(np.maximum(high - low, 1e-3) / (raster * (1 - 2 * BORDER))))
@@ -117,8 +116,9 @@ def png(pixels: Array) -> bytes:
 
 
 def _shown(path: Toolpath, low: int, high: int, hidden: tuple[Role, ...]) -> Array:
-    """Moves of low..high that can be seen from outside."""
-    return np.flatnonzero(~np.isin(path.role[low:high], hidden) & (path.lengths_of(low, high) > 0)) + low
+    """Moves of low..high that can be seen from outside; of very many, some."""
+    rows = np.flatnonzero(~np.isin(path.role[low:high], hidden) & (path.lengths_of(low, high) > 0)) + low
+    return rows[::1 + len(path.role) // POINTS]
 
 
 def _ends(path: Toolpath, rows: Array) -> Array:
