@@ -11,6 +11,7 @@ from feasibility_cases import box_loop, stacked
 
 from cabslice import pipeline, store
 from cabslice.cli.main import cli
+from cabslice.errors import UsageError
 from cabslice.feasibility import orient
 from cabslice.feasibility.check import check, grown
 from cabslice.motors.check import verify_stream
@@ -97,8 +98,8 @@ def test_the_commands_ask_for_it(box, tmp_path):
     again = run(cli, ["check", str(tmp_path / "box.plan"), "--json"])
     assert json.loads(again.stdout)["ok"]
     refused = run(cli, ["export", str(tmp_path / "box.plan"), "--orientation", "free"])
-    assert refused.exit_code == 2
-    assert "made for the platform as it is turned" in refused.stderr
+    assert isinstance(refused.exception, UsageError)
+    assert "made for the platform as it is turned" in str(refused.exception)
 
 
 def test_where_nothing_is_near_the_platform_stays_level(box):
