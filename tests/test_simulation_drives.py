@@ -7,10 +7,10 @@ import robots
 from cabslice.motors.block import Block
 from cabslice.motors.machine import torque as motor_torque
 from cabslice.robot.kinematics import lengths
-from cabslice.robot.winder import layer, motor_angles, radius, transmission, wound
+from cabslice.robot.winder import layer, motor_angles, transmission, wound
 from cabslice.simulation.deviation import deviation
 from cabslice.simulation.drives import Drive, Drives
-from cabslice.simulation.motion import circle, of_angles, tensions
+from cabslice.simulation.motion import circle, divided, of_angles, tensions
 from cabslice.simulation.plant import Plant, at_rest, play
 
 PERIOD = 2e-3
@@ -73,15 +73,6 @@ def test_blocks_are_played_as_one(plain):
     np.testing.assert_allclose(np.vstack((parts[0].angle, parts[1].angle[1:])), whole.angle, atol=1e-12)
 
 
-def divided(robot, exact):
-    """The published way to an angle: all that was wound since the start, divided by the radius at the angle before."""
-    taken = wound(robot.winders, exact) - wound(robot.winders, exact[:1])
-    angle = exact.copy()
-    for row in range(1, len(exact)):
-        angle[row] = exact[0] + taken[row] / radius(robot.winders, angle[row - 1: row])[0]
-    return angle
-
-
 def test_layer_changes_of_the_winder():
     """Gueners 2021, 6.2.3: his division leaves 0.4 to 1.3 mm of cable at a layer change; the integral leaves none."""
     robot = robots.cabfab_optim()
@@ -90,7 +81,7 @@ def test_layer_changes_of_the_winder():
     exact = motor_angles(robot, loaded, tension)
     change = (np.diff(layer(robot.winders, exact), axis=0) != 0).any(axis=0)
     assert change.any()
-    false = divided(robot, exact)
+    false = divided(robot.winders, exact)
     missing = np.abs(wound(robot.winders, false) - wound(robot.winders, exact)).max(axis=0)
     assert ((missing[change] > 0.4) & (missing[change] < 1.3)).all()
     assert (missing[~change] < 1e-3).all()

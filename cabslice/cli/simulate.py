@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 SLACK_N = 1e-6
 MOST_DOTS = 30_000
+STARTS, APART_MM = 8, 1e-9        # of motions with slack cables
 AXES = (("x", "y", "z"), ("psi", "theta", "phi"))
 
 
@@ -53,6 +54,7 @@ class Circle:
     law: str
     backwards: bool
     distribution: str
+    winding: str
 
     def motion(self, period_s: float) -> Motion:
         import numpy as np
@@ -108,6 +110,9 @@ circling = options._gather("built_in", Circle, {
         type=click.Choice(["none", *DISTRIBUTIONS, *(f"{name}-dynamic" for name in DISTRIBUTIONS)]),
         help="Tensions the lengths are commanded for: none, or a distribution of the weight "
              f"({', '.join(DISTRIBUTIONS)}); with -dynamic behind its name of the inertia too."),
+    "winding": click.option(
+        "--winding", type=click.Choice(["exact", "divided"]), default="exact", show_default=True,
+        help="How cable becomes motor angle: by the inverse of what is wound, or divided by the present radius."),
 })
 
 
@@ -233,7 +238,7 @@ def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) ->
     robot, profile = asked.robot(), asked.profile()
     motion = built_in.motion(profile.stream.period_ms * 1e-3)
     planned = tensions(robot, motion, built_in.distribution)
-    command = commanded(robot, motion, planned)
+    command = commanded(robot, motion, planned, divide=built_in.winding == "divided")
     plant = damped(robot, profile, damping, motion.poses[0], planned[0], command.rows[0, 1])
     found = play(plant, command, at_rest(robot, motion.poses[0]))
     slack = (found.tension <= SLACK_N).any(axis=1)
@@ -241,11 +246,29 @@ def _played(asked: Asked, built_in: Circle, damping: str | float, talk: Talk) ->
         talk.say(f"Cables go slack, first at {slack.argmax() * motion.period_s:.3f} s: from there on the motion is "
                  "chaotic, and the least change of anything makes another one.")
     return {
+        **(_spread_of_starts(plant, command, motion) if slack.any() else {}),
         **peaks(deviation(robot, found.poses, motion.poses)),
         "duration_s": float(motion.times[-1]), "rows": len(found), "period_s": motion.period_s,
         "integrator_steps": found.steps, "slack_fraction": float(slack.mean()),
         "least_tension_n": float(found.tension.min()), "largest_tension_n": float(found.tension.max()),
     }
+
+
+def _spread_of_starts(plant: Plant, command: Any, motion: Motion) -> dict[str, Any]:
+    """Largest errors of motions that begin next to nothing beside the first pose: what of them means something."""
+    import numpy as np
+
+    from cabslice.simulation.deviation import deviation, peaks
+    from cabslice.simulation.plant import at_rest, play
+
+    random, found = np.random.default_rng(0), []
+    for _ in range(STARTS):
+        start = at_rest(plant.robot, motion.poses[0])
+        start[:3] += APART_MM * random.normal(size=3)
+        errors = deviation(plant.robot, play(plant, command, start).poses, motion.poses)
+        found.append(peaks(errors)["max_abs_error_mm"])
+    return {"starts": {"count": STARTS, "apart_mm": APART_MM, "least_max_abs_error_mm": np.min(found, axis=0).tolist(),
+                       "largest_max_abs_error_mm": np.max(found, axis=0).tolist()}}
 
 
 def damped(robot: Robot, profile: Any, damping: str | float, pose: Array, tension: Array, line: Array) -> Plant:
@@ -268,4 +291,10 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
     axes = Table(("platform", ">largest error", ""), [(name, f"{value:.6f}", unit) for name, value, unit in named])
     nozzle = Table(("nozzle", ">rms mm", ">95 % mm", ">largest mm"),
                    [("error", *(f"{error[key]:.6f}" for key in ("rms_mm", "p95_mm", "max_mm")))])
-    return [axes, nozzle]
+    if "starts" not in numbers:
+        return [axes, nozzle]
+    starts = numbers["starts"]
+    span = [f"{low:.3f} to {high:.3f}" for low, high in zip(
+        starts["least_max_abs_error_mm"], starts["largest_max_abs_error_mm"], strict=True)]
+    words = f"{starts['count']} starts {starts['apart_mm']:g} mm apart, largest error mm"
+    return [axes, nozzle, Table((words, ">from to"), list(zip(AXES[0], span, strict=True)))]

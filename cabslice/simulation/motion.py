@@ -18,8 +18,8 @@ from cabslice.arrays import Array, Shapes, set_columns
 from cabslice.errors import ImpossibleError, UsageError
 from cabslice.robot.distributions import distribute
 from cabslice.robot.kinematics import lengths
-from cabslice.robot.model import Robot
-from cabslice.robot.winder import free_cable, motor_angles
+from cabslice.robot.model import Robot, WinderColumns
+from cabslice.robot.winder import free_cable, motor_angles, radius, wound
 from cabslice.robot.wrench import required_wrench
 from cabslice.simulation.command import Command, of_lengths
 
@@ -115,16 +115,26 @@ def tensions(robot: Robot, motion: Motion, distribution: str) -> Array:
     return found.tension
 
 
-def commanded(robot: Robot, motion: Motion, tension: Array) -> Command:
+def commanded(robot: Robot, motion: Motion, tension: Array, *, divide: bool = False) -> Command:
     """What puts the platform at rest on the poses of a motion at tensions (K, m) N.
 
-    Through the motor angles where the robot has winders, as a motor file says them. Raises PoseError as motor_angles.
+    Through the motor angles where the robot has winders, as a motor file says them; `divide`: as `divided` does.
+    Raises PoseError as motor_angles.
     """
     loaded = lengths(robot, motion.poses)
     if robot.winders is None:
         return of_lengths(loaded, tension, robot, motion.period_s)
     angle = motor_angles(robot, loaded, tension)
-    return of_angles(robot, angle, motion.period_s)
+    return of_angles(robot, divided(robot.winders, angle) if divide else angle, motion.period_s)
+
+
+def divided(winders: WinderColumns, exact: Array) -> Array:
+    """Angles (K, m) by the published short cut: all that was wound since the first row (by the exact angles), divided
+    by the radius at the angle before. Wrong where a winder changes its layer (Gueners 2021, 6.2.3)."""
+    taken, angle = wound(winders, exact) - wound(winders, exact[:1]), exact.copy()
+    for row in range(1, len(exact)):
+        angle[row] = exact[0] + taken[row] / radius(winders, angle[row - 1:row])[0]
+    return angle
 
 
 def of_angles(robot: Robot, angle: Array, period_s: float) -> Command:
