@@ -50,6 +50,11 @@ class Platform(Table):
         description="elements xy, xz, yz of the inertia matrix beside them",
     )
     centre_of_mass_mm: Vector = Field(default=[0.0, 0.0, 0.0], description="in the platform frame")
+    pull_n: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        description="steady force of filament tube and hose on the platform, in the axes of the machine",
+    )
+    pull_n_mm: Vector = Field(default=[0.0, 0.0, 0.0], description="its moment about the platform origin")
     home_mm: Vector = Field(
         default=[0.0, 0.0, 0.0],
         description="platform origin when homed, in the frame of the machine",

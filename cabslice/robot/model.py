@@ -147,6 +147,7 @@ class Robot:
     obstacles: tuple[tuple[str, Array], ...] = ()    # convex, by name: corners (V, 3) mm, machine frame
     body_free: float = 0.0           # mm of a cable at the body it is fastened to that are not judged against it
     turning: Turning | None = None   # how the platform is turned while it prints; None: level
+    pull: Array = field(default_factory=lambda: np.zeros(6))   # (6,) N, N mm at the platform origin, machine axes: hose
 
     def __post_init__(self) -> None:
         shape = Shapes("Robot")
@@ -161,6 +162,7 @@ class Robot:
         columns["freedoms"] = shape.column("freedoms", self.freedoms, "6", np.bool_)
         columns["bed_slope"] = shape.column("bed_slope", self.bed_slope, "2")
         columns["gravity"] = shape.column("gravity", self.gravity, "3")
+        columns["pull"] = shape.column("pull", self.pull, "6")
         for name, size in (("nozzle", "3"), ("bed_origin", "3"), ("bed_size", "2")):
             if getattr(self, name) is not None:
                 columns[name] = shape.column(name, getattr(self, name), size)
@@ -197,6 +199,7 @@ def robot_from_printer(printer: Any, *, pulleys: bool = True) -> Robot:
         mass=printer.platform.mass_kg,
         inertia=_inertia(printer.platform),
         centre_of_mass=np.array(printer.platform.centre_of_mass_mm),
+        pull=np.array([*printer.platform.pull_n, *printer.platform.pull_n_mm]),
         home=np.array([*printer.platform.home_mm, 0.0, 0.0, 0.0]),
         freedoms=np.array([freedom in printer.freedoms for freedom in ("x", "y", "z", "rx", "ry", "rz")]),
         winders=_winders(cables) if all(cable.winder for cable in cables) else None,

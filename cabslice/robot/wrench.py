@@ -33,9 +33,10 @@ def wrench_matrix(robot: Robot, poses: Array, *, masked: bool = False, lines: Ca
 
 
 def gravity_wrench(robot: Robot, poses: Array, *, masked: bool = False) -> Array:
-    """Wrench of the weight at the platform origin, (K, 6) or masked (K, f): N and N mm."""
+    """Wrench of the weight and of what pulls steadily (tube, hose) at the platform origin, (K, 6) or masked (K, f): N
+    and N mm."""
     force = np.broadcast_to(NEWTON * robot.mass * robot.gravity, (len(poses), 3))
-    wrench = np.concatenate((force, cross(_weight_lever(robot, poses), force)), axis=1)
+    wrench = np.concatenate((force, cross(_weight_lever(robot, poses), force)), axis=1) + robot.pull
     return wrench[:, robot.freedoms] if masked else wrench
 
 

@@ -67,7 +67,7 @@ def columns_of(plant: Plant) -> Columns:
     return Columns(
         _own(robot.anchors), _own(robot.pulley_axes), _own(robot.pulley_radii), _own(robot.attachments),
         _own(robot.axial_stiffness), _own(plant.viscosity), _own(count), float(robot.mass), _own(robot.inertia),
-        np.linalg.inv(robot.inertia), _own(robot.centre_of_mass), _own(robot.gravity), _own(plant.push),
+        np.linalg.inv(robot.inertia), _own(robot.centre_of_mass), _own(robot.gravity), _own(plant.push + robot.pull),
         robot.freedoms.astype(float))
 
 

@@ -34,7 +34,7 @@ def needed(robot: Robot, before: Array, poses: Array, after: Array, step: float)
     if not any(part[:, 3:].any() for part in (before, poses, after)):
         accel = (after[:, :3] - 2 * poses[:, :3] + before[:, :3]) / step**2
         force = robot.mass * (accel - robot.gravity) * NEWTON
-        return np.hstack((force, cross(robot.centre_of_mass, force)))
+        return np.hstack((force, cross(robot.centre_of_mass, force))) - robot.pull
     first, turn, last = (matrix(part[:, 3:]) for part in (before, poses, after))
     places = [part[:, :3] + here @ robot.centre_of_mass for part, here in (
         (before, first), (poses, turn), (after, last))]
@@ -43,7 +43,7 @@ def needed(robot: Robot, before: Array, poses: Array, after: Array, step: float)
     spin, spun = _axial((last - first) @ back) / (2 * step), _axial((last - 2 * turn + first) @ back) / step**2
     inertia = turn @ robot.inertia @ back
     torque = np.einsum("kij,kj->ki", inertia, spun) + np.cross(spin, np.einsum("kij,kj->ki", inertia, spin))
-    return np.hstack((force, moment + NEWTON * torque))
+    return np.hstack((force, moment + NEWTON * torque)) - robot.pull
 
 
 def _axial(matrices: Array) -> Array:

@@ -125,7 +125,9 @@ def _node(p, d1, d2, feed, accel, geometry, load, bounds, a, b, scratch):
         fastest = max(fastest, abs(h[i, 0]) / caps[m + i])
     for axis in range(3):
         g[axis, m], g[axis, m + 1], g[axis, m + 2] = weight[axis], mass * d1[axis], mass * d2[axis]
-    for j in range(m, m + 3):
+    for axis in range(3):
+        g[3 + axis, m] = weight[3 + axis] / size
+    for j in range(m + 1, m + 3):
         g[3, j] = (arm[1] * g[2, j] - arm[2] * g[1, j]) / size
         g[4, j] = (arm[2] * g[0, j] - arm[0] * g[2, j]) / size
         g[5, j] = (arm[0] * g[1, j] - arm[1] * g[0, j]) / size
@@ -277,7 +279,9 @@ def columns(robot: Robot, t_max: Array, winding: Array, winding_speed: Array, ac
     geometry = tuple(np.ascontiguousarray(column, float) for column in (
         robot.anchors, robot.pulley_axes, robot.pulley_radii, robot.attachments))
     size = max(float(np.linalg.norm(robot.attachments, axis=1).max()), 1e-9)
-    load = (-robot.mass * NEWTON * robot.gravity, robot.mass * NEWTON, np.ascontiguousarray(robot.centre_of_mass), size)
+    weight = NEWTON * robot.mass * robot.gravity
+    still = -np.concatenate((weight, np.cross(robot.centre_of_mass, weight))) - robot.pull
+    load = (still, robot.mass * NEWTON, np.ascontiguousarray(robot.centre_of_mass), size)
     caps = np.concatenate((winding, winding_speed))
     bounds = (np.ascontiguousarray(robot.tension_min), np.ascontiguousarray(t_max), caps, accel, feed_accel, keep)
     return geometry, load, bounds
