@@ -125,6 +125,9 @@ def test_drives_lag_without_velocity_feed_forward(capsys, made):
     assert abs(told - ideal) < 5e-3
     assert blind > 1.0        # up to 3 mm of cable at 100 mm/s
     assert told < coarse < 0.5
+    stiffer = answered(capsys, "simulate", box, "--drives", "cascade", "--no-velocity-feed-forward", "-s",
+                      "drives.position_gain_1_min=4000")[1]["numbers"]["nozzle_error"]["max_mm"]
+    assert 0.45 * blind < stiffer < 0.65 * blind        # V/Kp, where moves are long beside 1/Kp
     assert run("simulate", box, "--encoder-bits", 16) == 2
 
 

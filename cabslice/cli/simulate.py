@@ -133,7 +133,7 @@ circling = options._gather("built_in", Circle, {
               help="Of the cables: none (default of --circle), profile: as it says (default of FILE), or the damping "
                    "ratio of the first mode.")
 @click.option("--drives", type=click.Choice(["ideal", "cascade"]), default="ideal", show_default=True,
-              help="Of FILE: motors turn as told, or as the cascade of servo drives with the published gains does.")
+              help="Of FILE: motors turn as told, or as the cascade of servo drives (drives.* of the printer) does.")
 @click.option("--no-velocity-feed-forward", is_flag=True, help="The cascade is told angles only.")
 @click.option("--encoder-bits", type=click.IntRange(8, 32), help="The cascade sees a turn in 2^BITS steps.")
 @click.option("--sensitivity", is_flag=True,
@@ -208,8 +208,9 @@ def _file(
     film = simulated.opened(file, path)
     meant, real, profile = simulated.robots(film, wrong)
     plant = simulated.plant_of(film, meant, real, profile, damping)
-    parts = simulated.parted(film, meant, plant, wrong.drive(), reference, causes[1], talk) if causes[0] else None
-    run = parts[0] if parts else simulated.played(film, meant, plant, wrong.drive(), reference, talk)
+    drive = wrong.drive(profile)
+    parts = simulated.parted(film, meant, plant, drive, reference, causes[1], talk) if causes[0] else None
+    run = parts[0] if parts else simulated.played(film, meant, plant, drive, reference, talk)
     numbers = report.numbers(run, film.stream.header, film.path) | ({"budget": parts[1]} if parts else {})
     settings = {"file": Path(file).name, "robot": real.name, "modulus_factor": wrong.modulus, "mass_factor": wrong.mass,
                 "damping": damping, "drives": wrong.drives, "integrator": "reference" if reference else "fast"}

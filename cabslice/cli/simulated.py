@@ -40,7 +40,7 @@ class Wrong:
     angles_only: bool = False
     encoder_bits: int | None = None
 
-    def drive(self) -> Any:
+    def drive(self, profile: Any) -> Any:
         """simulation.drives.Drive, or None: ideal. Raises UsageError where options need the cascade."""
         from cabslice.simulation.drives import Drive
 
@@ -49,7 +49,9 @@ class Wrong:
                 raise UsageError("--no-velocity-feed-forward and --encoder-bits go with --drives cascade.")
             return None
         step = 2 * math.pi / 2**self.encoder_bits if self.encoder_bits else 0.0
-        return Drive(velocity_feed_forward=float(not self.angles_only), encoder_step_rad=step)
+        gains = profile.drives
+        return Drive(gains.position_gain_1_min / 60, 1e3 * gains.velocity_gain_n_m_s, gains.reset_ms * 1e-3,
+                     gains.cycle_us * 1e-6, float(not self.angles_only), encoder_step_rad=step)
 
 
 def opened(file: str, path: str | None) -> Film:

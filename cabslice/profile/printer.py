@@ -176,6 +176,15 @@ class Gcode(Table):
     end: str = Field(default="", max_length=20000, description="after it; {height_mm} and such are filled in")
 
 
+class Drives(Table):
+    """Servo drives as `simulate --drives cascade` has them: P position, PI velocity; defaults as the thesis' drives."""
+
+    position_gain_1_min: float = Field(default=2000.0, gt=0, le=1e6, description="speed asked per position error")
+    velocity_gain_n_m_s: float = Field(default=0.48, gt=0, le=1e4, description="torque per speed error")
+    reset_ms: float = Field(default=1.0, gt=0, le=1e4, description="reset time of the velocity loop")
+    cycle_us: float = Field(default=125.0, ge=10, le=1e4, description="cycle of the velocity loop")
+
+
 class Pulley(Table):
     """The swivelling guide pulley on the frame; a groove of radius 0 is an eyelet."""
 
@@ -393,6 +402,7 @@ class Printer(Table):
     start: Start = Start()
     stream: Stream = Stream()
     gcode: Gcode = Gcode()
+    drives: Drives = Drives()
     obstacles_mm: list[list[Vector]] = Field(
         default=[],
         description="convex bodies around the machine (beams of the frame), each by its corners in the machine frame, "
