@@ -10,7 +10,8 @@ from cabslice.toolpath.path import Events, Toolpath
 PRINTER = SimpleNamespace(
     motion=SimpleNamespace(max_acceleration_mm_s2=None, max_speed_mm_s=150.0, smoothing_ms=5.0),
     extruder=SimpleNamespace(
-        max_flow_mm3_s=12.0, max_speed_mm_s=60.0, max_acceleration_mm_s2=1500.0, max_jump_mm_s=5.0),
+        max_flow_mm3_s=12.0, max_speed_mm_s=60.0, max_acceleration_mm_s2=1500.0, max_jump_mm_s=5.0,
+        pressure_advance_s=0.0),
 )
 MATERIAL = SimpleNamespace(max_flow_mm3_s=15.0)
 PROCESS = SimpleNamespace(corner_mm=0.05)

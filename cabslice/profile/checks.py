@@ -46,6 +46,10 @@ def _printer(values: Values) -> Faults:
         if "winder" not in cable and any("winder" in other for other in cables):
             yield ("cable", index, "winder"), MISSING
     yield from _kind(values, home)
+    if number(table(values, "extruder"), "pressure_advance_s", 0.0) > 0 and (
+            number(table(values, "motion"), "smoothing_ms", 5.0) == 0):
+        yield ("extruder", "pressure_advance_s"), (
+            "expected 0 where motion.smoothing_ms is 0: acceleration that steps would make the filament jump")
     yield from _freedoms(values, cables, home)
 
 

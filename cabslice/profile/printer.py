@@ -105,6 +105,11 @@ class Extruder(Table):
         default=5.0, gt=0, le=100,
         description="filament speed step it follows without losing position",
     )
+    pressure_advance_s: float = Field(
+        default=0.0, ge=0, le=2,
+        description="while the nozzle moves, filament runs ahead by this times its speed, to build up the pressure "
+                    "that the flow needs; what it asks of the extruder is planned for; needs smoothing_ms; 0: none",
+    )
 
 
 class Bed(Table):

@@ -120,14 +120,15 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     else:
         _forces(subject, subject.robot, worst, times, seen)
         _turns(subject.robot, worst, times, seen, place)
+    laid = seen.laid[1:-1]
     times, place, move, fed, accel = times[1:-1], place[1:-1], seen.move[1:-1], seen.filament[1:-1], accel[1:-1]
     now, at = times[1:-1], move[1:-1]
     around = np.stack((move[:-2], move[1:-1], move[2:]))
     stride = np.linalg.norm(np.diff(place, axis=0), axis=1) / step
     _kinematic(subject, worst, now, at, around, np.maximum(stride[1:], stride[:-1]), accel)
-    _feeding(subject, worst, now, at, around, fed)
+    _feeding(subject, worst, now, at, around, fed, laid)
     extruder, window = subject.printer.extruder, subject.trajectory.window
-    audit_filament.see(subject.fed, worst, extruder, window, times, move, fed)
+    audit_filament.see(subject.fed, worst, extruder, window, times, move, laid)
     off = distance_to_path(toolpath, place[1:-1], at)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
     _vertices(subject, worst, times, place, move, float(np.linalg.norm(accel, axis=1).max()))
@@ -150,17 +151,25 @@ def _over_moves(reduce: np.ufunc, column: Array, around: Array) -> Array:
     return reduce.reduceat(np.append(column, column[-1]), spans)[::2]
 
 
-def _feeding(subject: Subject, worst: Worst, now: Array, at: Array, around: Array, filament: Array) -> None:
+def _feeding(
+    subject: Subject, worst: Worst, now: Array, at: Array, around: Array, filament: Array, laid: Array
+) -> None:
     extruder, step = subject.printer.extruder, subject.step
     feed = np.diff(filament) / step                                    # mean over each step
     both = np.maximum(np.abs(feed[1:]), np.abs(feed[:-1]))
     worst.see("filament-speed", both, extruder.max_speed_mm_s, now, at)
     moving = _over_moves(np.minimum, subject.asked, around) > 0
-    flow = both[moving] * subject.toolpath.filament_area_mm2
+    rate = np.diff(laid) / step
+    flow = np.maximum(np.abs(rate[1:]), np.abs(rate[:-1]))[moving] * subject.toolpath.filament_area_mm2
     melted = min(extruder.max_flow_mm3_s, subject.material.max_flow_mm3_s)
     worst.see("flow", flow, melted, now[moving], at[moving])
     jump = extruder.max_jump_mm_s * np.maximum(around[2] - around[0], 1) + extruder.max_acceleration_mm_s2 * 2 * step
     worst.see("filament-step", np.abs(np.diff(feed)), jump, now, at)
+    if ahead := extruder.pressure_advance_s:
+        off = np.abs(filament[1:-1] - laid[1:-1] - ahead * (rate[1:] + rate[:-1]) / 2)[moving]
+        bend = np.pad(np.abs(np.diff(rate)), 1, mode="edge")          # how much the rate may differ from its mean there
+        unsure = ahead * 2 * np.maximum.reduce([bend[:-2], bend[1:-1], bend[2:]]) + PLACE_MM
+        worst.see("pressure-advance", off, unsure[moving], now[moving], at[moving])
 
 
 def _forces(subject: Subject, robot: Robot, worst: Worst, times: Array, seen: Samples) -> None:

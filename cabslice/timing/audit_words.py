@@ -6,7 +6,7 @@ UNITS = {"speed": "mm/s", "feature-speed": "mm/s", "acceleration": "mm/s^2", "fl
          "filament-step": "mm/s", "tension": "N", "path": "mm", "vertex": "mm", "filament": "mm", "rest": "mm/s",
          "missed": "", "dwell": "s", "layer-time": "s", "pause": "", "turn": "rad",
          "motor-speed": "rad/s", "motor-torque": "N m", "motor-heat": "N m",
-         "tension-again": "N", "filament-at-vertex": "mm",
+         "tension-again": "N", "filament-at-vertex": "mm", "pressure-advance": "mm",
          "stroke": "mm", "arm-angle": "deg", "carriage-acceleration": "mm/s^2"}
 
 SENTENCES = {
@@ -21,6 +21,7 @@ SENTENCES = {
     "vertex": "a vertex of the toolpath is passed too far away",
     "tension-again": "two methods find other tensions for the same motion",
     "filament-at-vertex": "more or less filament is fed at a vertex than the toolpath says",
+    "pressure-advance": "the filament is not ahead by its speed times extruder.pressure_advance_s",
     "filament": "filament was lost",
     "missed": "a part of the toolpath is not passed",
     "dwell": "a pause that was asked for is missing",

@@ -65,7 +65,7 @@ def _speeds(toolpath: Toolpath, path: Path, limits: Limits) -> dict[str, Array]:
         "speed asked for (process.speeds_mm_s)": toolpath.speed,
         "nozzle speed (motion.max_speed_mm_s)": np.where(travel, limits.speed, np.inf),
         "melt flow (max_flow_mm3_s)": np.where(travel, flow, np.inf),
-        "filament speed (extruder.max_speed_mm_s)": limits.feed_speed / feed,
+        "filament speed (extruder.max_speed_mm_s)": np.where(travel, limits.laying_speed, limits.feed_speed) / feed,
     }
 
 

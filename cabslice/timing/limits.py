@@ -5,6 +5,9 @@ Legend
     q', q''      derivatives of the platform by s: those of the nozzle where it is level; its acceleration is
                  q' u + q'' x
     L', L''      derivatives of the cable lengths by s: L' = J q', L'' = J q'' + q' H q'
+    k, w         pressure advance and averaging window, s: the extruder is told E + k dE/dt. Averaged, d2E/dt2 is at
+                 most a and ramps by 2 a / w, and a step j of dE/dt is j / w for w: so the extruder sees a (1 + 2 k/w),
+                 steps of j (1 + k / w), and k (a + j / w) more speed
     two-sided row   lo <= a u + b x <= hi with lo < 0 < hi: rest is inside, and dividing by hi and by lo scales to 1
 """
 
@@ -17,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from cabslice.arrays import Array
+from cabslice.errors import ImpossibleError
 from cabslice.robot.delta import Delta, Machine
 from cabslice.robot.kinematics import length_accelerations
 from cabslice.robot.model import NEWTON, Robot, nozzle_poses
@@ -45,20 +49,44 @@ class Limits:
     feed_acceleration: float     # mm/s^2 of filament
     feed_jump: float             # mm/s of filament
     window: float                # s over which the motion is averaged; 0: acceleration may step
+    advance: float = 0.0         # s of pressure advance
+
+    @property
+    def gain(self) -> float:
+        """Acceleration of the extruder over that of the filament laid."""
+        return 1 + 2 * self.advance / self.window if self.advance else 1.0
+
+    @property
+    def laying_speed(self) -> float:
+        """mm/s of filament laid in moves of the nozzle."""
+        if not self.advance:
+            return self.feed_speed
+        return self.feed_speed - self.advance * (self.feed_acceleration / self.gain + self.feed_jump / self.window)
 
 
 def limits_of(printer: Any, material: Any) -> Limits:
-    """Limits from the profiles (cabslice.profile.printer.Printer, .material.Material)."""
+    """Limits from the profiles (cabslice.profile.printer.Printer, .material.Material).
+
+    Raises ImpossibleError where pressure advance leaves the extruder no speed.
+    """
     motion, extruder = printer.motion, printer.extruder
-    return Limits(
+    advance, window = extruder.pressure_advance_s, motion.smoothing_ms * 1e-3
+    limits = Limits(
         acceleration=motion.max_acceleration_mm_s2 or np.inf,
         speed=motion.max_speed_mm_s,
         flow=min(extruder.max_flow_mm3_s, material.max_flow_mm3_s),
         feed_speed=extruder.max_speed_mm_s,
         feed_acceleration=extruder.max_acceleration_mm_s2,
-        feed_jump=extruder.max_jump_mm_s,
-        window=motion.smoothing_ms * 1e-3,
+        feed_jump=extruder.max_jump_mm_s / (1 + advance / window if advance else 1.0),
+        window=window,
+        advance=advance,
     )
+    if not limits.laying_speed > 0:
+        raise ImpossibleError(
+            f"pressure advance of {advance:g} s asks the extruder for more than its {limits.feed_speed:g} mm/s at any "
+            "speed: lower extruder.pressure_advance_s, extruder.max_acceleration_mm_s2 or extruder.max_jump_mm_s, or "
+            "raise extruder.max_speed_mm_s or motion.smoothing_ms")
+    return limits
 
 
 Block = tuple[Array, Array, Array, Array]     # a, b, lo, hi, each (R, K)
@@ -66,9 +94,10 @@ Block = tuple[Array, Array, Array, Array]     # a, b, lo, hi, each (R, K)
 
 @dataclass(frozen=True)
 class Nodes:
-    """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,),
-    largest acceleration per axis (K,) mm/s^2, inf where only the cables limit it. Where the platform turns, rotations
-    too (angular velocity and its rate by s), and q' and q'' (K, 3) of the nozzle by themselves."""
+    """K places on the path: level poses (K, 6), q' and q'' padded with zero rotation (K, 6), filament per mm (K,) as
+    the extruder sees it accelerate, largest acceleration per axis (K,) mm/s^2, inf where only the cables limit it.
+    Where the platform turns, rotations too (angular velocity and its rate by s), and q' and q'' (K, 3) of the nozzle by
+    themselves."""
 
     poses: Array
     d1: Array
@@ -162,7 +191,8 @@ def speed_limit(toolpath: Toolpath, path: Path, limits: Limits) -> Array:
     feed = np.abs(path.feed)
     melting = travel & (feed > 0)
     by_flow = np.where(melting, limits.flow / np.maximum(feed * toolpath.filament_area_mm2, 1e-12), np.inf)
-    by_drive = np.where(feed > 0, limits.feed_speed / np.maximum(feed, 1e-12), np.inf)
+    fastest = np.where(travel, limits.laying_speed, limits.feed_speed)
+    by_drive = np.where(feed > 0, fastest / np.maximum(feed, 1e-12), np.inf)
     return np.minimum.reduce([_asked(toolpath, path), np.where(travel, limits.speed, np.inf), by_flow, by_drive])
 
 

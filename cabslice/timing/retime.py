@@ -206,7 +206,10 @@ def nodes_at(task: Task, move: Array, sigma: Array) -> Nodes:
         most = most * task.calm[move]
     robot, nozzle = task.robot, (motion.q, motion.d1, motion.d2)
     platform = platform_motion(robot.turning, robot.nozzle, level_shift(robot), *nozzle)
-    return Nodes(*platform, task.path.feed[move], most, nozzle[1:] if robot.turning is not None else None)
+    feed = task.path.feed[move]
+    if task.limits.advance:
+        feed = feed * np.where(task.path.direction[move].any(axis=1), task.limits.gain, 1.0)
+    return Nodes(*platform, feed, most, nozzle[1:] if robot.turning is not None else None)
 
 
 def _tops(task: Task, block: Block) -> Array:
@@ -268,7 +271,7 @@ def _trajectory(task: Task, block: Block, x: Array) -> Trajectory:
     s = task.path.start[block.move] + block.sigma
     time = _clock(task.toolpath, block, s, x, task.limits.window)
     return Trajectory(task.path, time, s, x, block.move, block.offsets, level_shift(task.robot), task.limits.window,
-                      *turned(task.robot))
+                      *turned(task.robot), task.limits.advance)
 
 
 def _clock(toolpath: Toolpath, block: Block, s: Array, x: Array, window: float) -> Array:

@@ -26,9 +26,10 @@ class Samples:
     poses: Array      # (K, 6) platform pose, machine frame
     rates: Array      # (K, 6) mm/s, rad/s
     accels: Array     # (K, 6) mm/s^2, rad/s^2
-    filament: Array   # (K,) mm fed since the start
-    feed: Array       # (K,) mm/s of filament
+    filament: Array   # (K,) mm fed since the start: the position of the extruder, pressure advance included
+    feed: Array       # (K,) mm/s of filament laid
     move: Array       # (K,) int64, row of the toolpath
+    laid: Array       # (K,) mm of filament the beads take: what is fed, without pressure advance
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Trajectory:
     window: float     # s
     turning: Turning | None = None    # how the platform is turned; None: level
     nozzle: Array | None = None       # (3,) mm, platform frame; only where it is turned
+    advance: float = 0.0              # s: while the nozzle moves, filament is fed ahead by this times its speed
 
     def __post_init__(self) -> None:
         shape = Shapes("Trajectory")
@@ -71,7 +73,10 @@ def sample(trajectory: Trajectory, times: Array) -> Samples:
     motion, s, filament, feed = moved(trajectory.path, plan, first, last, times, trajectory.window)
     platform = platform_motion(
         trajectory.turning, trajectory.nozzle, trajectory.to_pose, motion[:, :3], motion[:, 3:6], motion[:, 6:])
-    return Samples(*platform, filament, feed, move_at(trajectory, piece, s))
+    move, fed = move_at(trajectory, piece, s), filament
+    if trajectory.advance:
+        fed = filament + trajectory.advance * feed * trajectory.path.direction[move].any(axis=1)
+    return Samples(*platform, fed, feed, move, filament)
 
 
 def nozzle_at(trajectory: Trajectory, times: Array) -> Array:
