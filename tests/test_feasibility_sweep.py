@@ -282,6 +282,19 @@ def test_the_clearance_of_a_place_is_no_more_than_any_sampled_one(seed):
         assert min(least - grow, 20.0) > air[k] - 1e-6
 
 
+def test_the_sides_of_a_sloping_bed_rise_with_it():
+    """A cable over the +x side of the plate, where a level one ends 1 mm below it: it meets what rises by 3 mm."""
+    robot = robot_of([[200.0, 0.0, -50.0]], [[0.0, 0.0, 50.0]])
+    moves, _ = part_trees(stacked([[box_loop(2.0)]]), robot)
+    size, grow = np.array([196.0, 196.0]), np.array([0.5])                # it passes x = 98 at z = 1 +- 0.7
+    for slope, blocked in (([0.0, 0.0], False), ([0.03, 0.0], True), ([-0.03, 0.0], False), ([0.0, 0.01], False)):
+        sides = bed_edges(size, np.array(slope))
+        assert bool(len(contacts(moves, tree_of_beads(sides), robot, grow).move)) is blocked
+        ends = np.stack((sides.first, sides.last)) @ slope
+        assert (sides.top >= ends.max(axis=0) - 1e-12).all()
+        assert (sides.top <= ends.min(axis=0) + 0.03 * 20 + 1e-12).all()
+
+
 def test_two_searches_give_the_same_columns():
     robot, path, grow = random_job(5, pulley=12.0)
     one, two = part_contacts(path, robot, grow), part_contacts(path, robot, grow)

@@ -151,8 +151,9 @@ def _axes(one: Body, other: Body) -> tuple[Array, Array]:
     return axes, (one.corners @ axes.T).min(axis=0) - (other.corners @ axes.T).max(axis=0)
 
 
-def plate(size: Array, thick: float) -> Body:
-    """The bed plate, from z = -thick to 0."""
+def plate(size: Array, thick: float, slope: Array | None = None) -> Body:
+    """The bed plate, from `thick` mm below up to its surface, z = slope . (x, y)."""
     x, y = size / 2
     corners = np.array([[i * x, j * y, k] for i in (-1, 1) for j in (-1, 1) for k in (-thick, 0.0)])
+    corners[:, 2] += corners[:, :2] @ (np.zeros(2) if slope is None else slope)
     return body_of("bed plate", corners)

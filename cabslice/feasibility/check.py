@@ -213,7 +213,7 @@ def _ends(job: Job, cells: Cells) -> Verdict:
 
 def _plate(job: Job, moves: Tree, grow: Array) -> Verdict:
     assert job.robot.bed_size is not None
-    sides = tree_of_beads(bed_edges(job.robot.bed_size))
+    sides = tree_of_beads(bed_edges(job.robot.bed_size, job.robot.bed_slope))
     met = contacts(moves, sides, job.robot, grow)
     found = _told(job, met, moves, sides, grow, "cable-bed")
     count = f"{job.count} moves, {job.robot.cables} cables"

@@ -61,14 +61,18 @@ def pulleys(robot: Robot) -> Judge:
 
 
 def ends_over_bed(robot: Robot, grow: Array) -> Judge:
-    """Columns (2 m): distance of exit points and of attachments to the bed plate, less grow (m,), mm."""
+    """Columns (2 m): distance of exit points and of attachments to the bed plate, less grow (m,), mm.
+
+    A plate that slopes counts as a level one at the height of its highest corner.
+    """
     assert robot.bed_size is not None
     half = robot.bed_size / 2
+    top = float(half @ np.abs(robot.bed_slope))
 
     def judge(places: Array, radii: Array) -> tuple[Array, Array]:
         exits = lines_at(robot, places).exit - robot.bed_origin
         ends = np.concatenate((exits, places[:, None] + hung(robot, places)), axis=1)
-        out = np.concatenate((np.abs(ends[..., :2]) - half, ends[..., 2:]), axis=2)
+        out = np.concatenate((np.abs(ends[..., :2]) - half, ends[..., 2:] - top), axis=2)
         inside = np.minimum(out.max(axis=2), 0.0)
         excess = np.linalg.norm(np.maximum(out, 0.0), axis=2) + inside - np.tile(grow, 2)
         moved = exit_drift(robot, places, radii), tip_shift(robot, places, radii)

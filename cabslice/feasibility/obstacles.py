@@ -95,16 +95,21 @@ def cut_lines(start: Array, end: Array, longest: float) -> tuple[Array, Array, A
     return row, start, end
 
 
-def bed_edges(size: Array) -> Obstacles:
-    """The four sides of a bed plate (2,) mm that fills everything below z = 0.
+def bed_edges(size: Array, slope: Array | None = None) -> Obstacles:
+    """The four sides of a bed plate (2,) mm that fills everything below its surface, z = slope . (x, y).
 
-    A cable with both ends outside the plate cannot enter it without meeting a side.
+    A cable with both ends outside the plate cannot enter it without meeting a side. Sides that rise are cut in
+    stretches of at most LENGTH, each as high as its higher end.
     """
     x, y = size / 2
     ring = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-    zero = np.zeros(4)
-    stage, move = np.full(4, -1, np.int32), np.full(4, BED, np.int64)
-    return Obstacles(ring, np.roll(ring, -1, axis=0), zero, zero - DEEP, zero, stage, move)
+    rise = ring @ (np.zeros(2) if slope is None else slope)
+    corners = np.column_stack((ring, rise))
+    longest = LENGTH if rise.any() else np.inf
+    _, start, end = cut_lines(corners, np.roll(corners, -1, axis=0), longest)
+    zero = np.zeros(len(start))
+    stage, move = np.full(len(start), -1, np.int32), np.full(len(start), BED, np.int64)
+    return Obstacles(start[:, :2], end[:, :2], zero, zero - DEEP, np.maximum(start[:, 2], end[:, 2]), stage, move)
 
 
 def printing_stages(toolpath: Toolpath) -> Array:

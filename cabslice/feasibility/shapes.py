@@ -50,7 +50,7 @@ def shapes(job: Job, cells: Cells, grow: Array) -> Verdict:
             judge = cables_and(robot, bodies, grow, moving=code == "cable-platform")
             verdict = _with(verdict, job, explore(cells, judge, cap=FAR), bodies, code)
     if moving:
-        others = [plate(robot.bed_size, THICK), *standing]
+        others = [plate(robot.bed_size, THICK, robot.bed_slope), *standing]
         moving = swept_bodies(robot, *reached(job.moves))
         survey = explore(cells, shifted_apart(moving, others), cap=FAR)
         pairs = [(one, other) for one in moving for other in others]
