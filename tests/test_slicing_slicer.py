@@ -184,6 +184,38 @@ def test_skins_of_stairs():
     assert Role.TOP_SKIN in roles(layers[39])
     assert Role.SPARSE_INFILL not in roles(layers[38])
     assert not any(Role.BRIDGE in roles(layer) for layer in layers)
+    layers = sliced(step, infill=0.2, top_layers=3, bottom_layers=2, bridge_over_infill=True)
+    assert [layer.index for layer in layers if Role.BRIDGE in roles(layer)] == [17, 37]     # first over sparse infill
+
+
+@pytest.mark.parametrize(("least", "sparse"), [(0, {0, 1}), (60, {0}), (300, set())])
+def test_small_insides_are_solid(least, sparse):
+    """Two towers, of 200 and 50 mm2 inside their walls; in layers that are all skin nothing changes."""
+    boxes = [shapely.box(0, 0, 22, 12), shapely.box(40, 0, 48, 10)]
+    layers = sliced(joined(*(prism(box, 0, 6) for box in boxes)), infill=0.2, min_infill_area_mm2=least)
+    middles = np.array([(p + q) / 2 for p, q, _ in segments(layers[15], {Role.SPARSE_INFILL})]).reshape(-1, 2)
+    assert {k for k, box in enumerate(boxes) if shapely.contains_xy(box, middles).any()} == sparse
+    for k, box in enumerate(boxes):
+        held = sum(np.hypot(*(q - p)) for p, q, _ in segments(layers[15], {Role.SOLID_INFILL})
+                   if shapely.contains_xy(box, *((p + q) / 2)))
+        assert (held > 0.5 * box.buffer(-1).area / 0.45) == (k not in sparse)
+    assert bytes_of(layers)[0] == bytes_of(sliced(joined(*(prism(box, 0, 6) for box in boxes)), infill=0.2))[0]
+
+
+@pytest.mark.parametrize("pattern", ["rectilinear", "aligned"])
+def test_over_sparse_infill_solid_lines_are_bridges_across_its_lines(pattern):
+    """Where a run of layers begins, which must know what lies under it."""
+    tower = prism(shapely.box(0, 0, 30, 20), 0, (RUN + 3) * 0.2)
+    keys = {"infill": 0.2, "pattern": pattern, "top_layers": 3, "bottom_layers": 2, "infill_angle_deg": 30.0}
+    layers, plain = sliced(tower, bridge_over_infill=True, **keys), sliced(tower, **keys)
+    below, over = ([q - p for p, q, _ in segments(layer, {role})] for layer, role in
+                   ((layers[RUN - 1], Role.SPARSE_INFILL), (layers[RUN], Role.BRIDGE)))
+    one, other = (max(some, key=lambda step: float(np.hypot(*step))) for some in (below, over))
+    assert abs(np.dot(one, other)) < 1e-6 * np.hypot(*one) * np.hypot(*other)
+    assert Role.SOLID_INFILL not in roles(layers[RUN])
+    assert [layer.index for layer in layers if Role.BRIDGE in roles(layer)] == [RUN]
+    for one, other in zip(layers, plain, strict=True):
+        assert bead_volume(one) == pytest.approx(bead_volume(other), rel=1e-3)
 
 
 def test_bridges_span_the_gap():

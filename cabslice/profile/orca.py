@@ -21,7 +21,8 @@ SAME = {   # Orca's key: PrusaSlicer's
     "top_surface_speed": "top_solid_infill_speed", "sparse_infill_speed": "infill_speed",
     "gap_infill_speed": "gap_fill_speed", "support_speed": "support_material_speed",
     "support_interface_speed": "support_material_interface_speed", "initial_layer_speed": "first_layer_speed",
-    "ironing_flow": "ironing_flowrate", "reduce_crossing_wall": "avoid_crossing_perimeters",
+    "minimum_sparse_infill_area": "solid_infill_below_area", "ironing_flow": "ironing_flowrate",
+    "reduce_crossing_wall": "avoid_crossing_perimeters",
     "reduce_infill_retraction": "only_retract_when_crossing_perimeters", "xy_contour_compensation":
     "xy_size_compensation", "retraction_length": "retract_length", "retraction_speed": "retract_speed",
     "deretraction_speed": "deretract_speed", "retraction_minimum_travel": "retract_before_travel",

@@ -107,6 +107,12 @@ class Process(Table):
         "rectilinear", "aligned", "grid", "triangles", "cubic", "honeycomb", "gyroid", "concentric",
         "lightning",
     ] = Field(description="infill pattern; rectilinear turns in every layer, aligned does not; lightning: under tops")
+    bridge_over_infill: bool = Field(
+        default=False, description="solid lines over sparse infill are laid across its lines, at the speed of bridges",
+    )
+    min_infill_area_mm2: float = Field(
+        default=0.0, ge=0, le=1e6, description="connected parts of a layer's inside smaller than this are solid",
+    )
     infill_every: int = Field(
         default=1, ge=1, le=100,
         description="layers whose sparse infill is laid at once, as far as the nozzle is as wide as they are high",

@@ -152,6 +152,7 @@ PRUSA = (
     _rule("infill", "fill_density", _share("fill_density")), _rule("pattern", "fill_pattern",
                                                                    _choice("fill_pattern", PATTERNS)),
     _rule("infill_every", "infill_every_layers", _whole("infill_every_layers")),
+    _rule("min_infill_area_mm2", "solid_infill_below_area"),
     _rule("ironing.enabled", "ironing", _switch("ironing")), _rule("ironing.spacing_mm", "ironing_spacing"),
     _rule("ironing.flow", "ironing_flowrate", _share("ironing_flowrate")),
     _rule(S + "ironing", "ironing_speed", _number("ironing_speed", above=0.0)),

@@ -124,7 +124,7 @@ def _runs(heights: Heights, process: Process) -> list[tuple[int, int]]:
 def _run(cutting: Cutting, first: int, end: int) -> list[Layer]:
     """Layers first..end."""
     part, process, heights = cutting.part, cutting.process, cutting.heights
-    around = slice(max(0, first - process.bottom_layers), end + process.top_layers)
+    around = slice(max(0, first - 1 - process.bottom_layers), end + process.top_layers)
     planes = heights.plane[around]
     faces = part.faces[(cutting.low <= planes[-1]) & (cutting.high >= planes[0])]
     outlines = (
@@ -207,7 +207,9 @@ def _fill(
     skin = process.infill_angle_deg if process.skin_angle_deg is None else process.skin_angle_deg
     turned = np.radians(skin + 90 * (near.index % 2))
     strips = [inside.thin] if process.walls or process.infill else []
-    parts = divide(inside.wide, near, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1)
+    parts = divide(inside.wide, near, filling.width_mm, sparse=process.infill > 0, solid=process.infill >= 1,
+                   bridges=process.bridge_over_infill,
+                   least_mm2=process.min_infill_area_mm2 if process.infill > 0 else 0.0)
     for bridge in pieces(parts.bridge) if near.below is not None else ():
         over = bridge_angle(bridge, near.below, filling.width_mm, turned)
         strips.append(fill_solid(beads, bridge, filling, over, Role.BRIDGE))
@@ -215,7 +217,14 @@ def _fill(
     if process.ironing.enabled:
         iron(beads, parts.top, filling, process.ironing.spacing_mm, process.ironing.flow, turned + np.pi / 2)
     strips.append(fill_solid(beads, parts.solid, filling, turned, Role.SOLID_INFILL))
+    strips.append(fill_solid(beads, parts.over_sparse, filling, _across_sparse(process, near.index), Role.BRIDGE))
     return [_Strip(strip, Role.GAP_FILL, False) for strip in strips], parts.sparse if process.infill > 0 else Region()
+
+
+def _across_sparse(process: Process, index: int) -> float:
+    """Direction (rad) across the sparse lines of the layer below; across one family of patterns that have several."""
+    turned = {"aligned": 0, "rectilinear": (index - 1) // together(process) % 2}.get(process.pattern, index % 2)
+    return float(np.radians(process.infill_angle_deg + 90 * (1 - turned)))
 
 
 def _lay_sparse(layers: list[_RawLayer], cutting: Cutting) -> None:

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, repeat
 
-from cabslice.slicing.region import Region, difference, intersection, offset, opening
+from cabslice.slicing.region import Region, difference, intersection, offset, opening, pieces
+
+SAGS = 4.0    # bead widths: solid lines over narrower sparse infill need not be laid as bridges
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,8 @@ class Neighbours:
     """A layer's outline, the ones above and below it, and what is common to all layers near it.
 
     Beyond the ends `above` and `below` are empty; they are None where no top or bottom layers are asked for. For the
-    first layer, which lies on the bed, `below` is None too.
+    first layer, which lies on the bed, `below` is None too. `common_below` is the common of the layer below, empty
+    where there is none.
     """
 
     index: int
@@ -28,6 +31,7 @@ class Neighbours:
     above: Region | None
     below: Region | None
     common: Region
+    common_below: Region = field(default_factory=Region)
 
 
 @dataclass(frozen=True)
@@ -44,13 +48,13 @@ class Window:
 def neighbours(outlines: Iterable[Region], window: Window, coarse_mm: float = 0.0) -> Iterator[Neighbours]:
     """One per layer of the window, in order; holds window.above + window.below + 1 outlines at a time.
 
-    `outlines` begin window.below layers before the first, or at the bed, and end as far above, or at the top. All but
-    a layer's own outline are simplified by coarse_mm.
+    `outlines` begin window.below + 1 layers before the first, or at the bed, and end window.above layers above the
+    last, or at the top. All but a layer's own outline are simplified by coarse_mm.
     """
     queue: deque[tuple[Region, Region]] = deque()
     common = RunningIntersection()
-    index = window.first
-    under = repeat(Region(), max(0, window.below - window.first))
+    index, common_below = max(window.first - 1, 0), Region()
+    under = repeat(Region(), max(0, window.below - index))
     over = repeat(Region(), max(0, window.end + window.above - window.count))
     for outline in chain(under, outlines, over):
         rough = outline.simplify(coarse_mm) if coarse_mm else outline
@@ -60,7 +64,9 @@ def neighbours(outlines: Iterable[Region], window: Window, coarse_mm: float = 0.
             continue
         above = queue[window.below + 1][1] if window.above else None
         below = queue[window.below - 1][1] if window.below and index else None
-        yield Neighbours(index, queue[window.below][0], above, below, common.value())
+        if index >= window.first:
+            yield Neighbours(index, queue[window.below][0], above, below, common.value(), common_below)
+        common_below = common.value()
         index += 1
         queue.popleft()
         common.pop()
@@ -93,25 +99,30 @@ class RunningIntersection:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """How the inside of a layer is divided; the four do not overlap and together are the inside."""
+    """How the inside of a layer is divided; the five do not overlap and together are the inside."""
 
     top: Region
     bridge: Region
     solid: Region
     sparse: Region
+    over_sparse: Region = field(default_factory=Region)    # solid too, over sparse infill of the layer below
 
 
-def divide(inside: Region, near: Neighbours, bead_mm: float, *, sparse: bool, solid: bool) -> Surfaces:
+def divide(
+    inside: Region, near: Neighbours, bead_mm: float, *, sparse: bool, solid: bool, bridges: bool = False,
+    least_mm2: float = 0.0,
+) -> Surfaces:
     """Top skin, bridges, other solid and sparse parts of a layer's inside.
 
     Patches narrower than a bead are no skin. Solid parts reach a bead further than they must, bridges two, to have a
     hold. What would be left of the sparse part narrower than two beads is solid too. sparse=False: there is no infill,
-    what is not skin stays empty; solid=True: all of it is solid.
+    what is not skin stays empty; solid=True: all of it is solid. bridges: what lies over sparse infill is told apart;
+    least_mm2: smaller connected sparse parts are solid.
     """
     shell = _patches(difference(inside, near.common), bead_mm)
     if shell.is_empty():
-        nothing = Region()
-        return Surfaces(nothing, nothing, inside, nothing) if solid else Surfaces(nothing, nothing, nothing, inside)
+        nothing, large = Region(), Region() if solid else _larger(inside, least_mm2)
+        return Surfaces(nothing, nothing, difference(inside, large) if large is not inside else nothing, large)
     bridge, top = Region(), Region()
     if near.below is not None:
         bridge = _grown(_patches(difference(inside, near.below), bead_mm), 2 * bead_mm, inside)
@@ -120,8 +131,27 @@ def divide(inside: Region, near: Neighbours, bead_mm: float, *, sparse: bool, so
     rest = Region()
     if not solid:
         rest = difference(inside, _grown(shell, bead_mm, inside), bridge, top)
-        rest = opening(rest, bead_mm) if sparse else rest
-    return Surfaces(top, bridge, difference(inside, top, bridge, rest), rest)
+        rest = _larger(opening(rest, bead_mm), least_mm2) if sparse else rest
+    full = difference(inside, top, bridge, rest)
+    over = _over_sparse(full, near, bead_mm) if bridges and sparse and not solid else Region()
+    return Surfaces(top, bridge, full if over.is_empty() else difference(full, over), rest, over)
+
+
+def _larger(region: Region, least_mm2: float) -> Region:
+    """The connected parts of at least this area; the region itself where all are."""
+    parts = pieces(region) if least_mm2 > 0 else []
+    small = [part for part in parts if part.area() < least_mm2]
+    return difference(region, *small) if small else region
+
+
+def _over_sparse(full: Region, near: Neighbours, bead: float) -> Region:
+    """What of the solid parts lies over sparse infill: under it the layer below is solid a bead beyond its skins.
+
+    Nothing narrower than SAGS, which lines cross without sagging; a bead further than it must, to have a hold.
+    """
+    if full.is_empty() or near.common_below.is_empty():
+        return Region()
+    return _grown(opening(intersection(full, offset(near.common_below, -bead)), SAGS / 2 * bead), bead, full)
 
 
 def _patches(shown: Region, bead: float) -> Region:
