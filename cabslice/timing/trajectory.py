@@ -119,6 +119,17 @@ def slowed(trajectory: Trajectory, factor: Array) -> Trajectory:
     return replace(trajectory, time=np.cumsum(np.where(inside, spent * each, spent)), x=trajectory.x / each**2)
 
 
+def eased(trajectory: Trajectory, factor: Array) -> Trajectory:
+    """The same path, stretched in time by factor (G,) >= 1 around each node: where it changes, gently, acceleration
+    changes by what that takes."""
+    x, inside = trajectory.x / factor**2, np.ones(len(factor), np.bool_)
+    inside[trajectory.pieces[:-1]] = False
+    spent, rows = np.diff(trajectory.time, prepend=0.0), np.flatnonzero(inside)
+    rate, before = np.sqrt(x), np.sqrt(trajectory.x)
+    spent[rows] *= (before[rows - 1] + before[rows]) / (rate[rows - 1] + rate[rows])
+    return replace(trajectory, time=np.cumsum(spent), x=x)
+
+
 def at_share(trajectory: Trajectory, share: float) -> Trajectory:
     """The whole motion, rests and window too, at `share` of its speed: accelerations change by its square."""
     return replace(
