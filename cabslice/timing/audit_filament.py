@@ -5,7 +5,8 @@ the window each change it by at most the step the extruder stands, and it accele
 
     n step w / 8 + a w^2 / 24
 
-A vertex passed between two samples is looked at with what was fed at both: it must lie between. Vertices nearer than
+A vertex passed between two samples dt apart is looked at with what was fed at both: it must lie between, or where the
+filament turns there from rest (a retraction) no more than a dt^2 / 8 beyond. Vertices nearer than
 MERGED_MM may be passed as one: what they feed may come with their neighbour.
 """
 
@@ -56,5 +57,6 @@ def see(fed: Fed, worst: Worst, extruder: Any, window: float, times: Array, move
     near = move[np.minimum(pair + 1 + reach, len(move) - 1)] - move[np.maximum(pair - reach, 0)]
     kinks = extruder.max_jump_mm_s * near * window / 8
     most = kinks + extruder.max_acceleration_mm_s2 * window**2 / 24
+    most = most + extruder.max_acceleration_mm_s2 * step**2 / 8
     most = most + fed.apart[vertex] + ROUNDED * (1 + np.abs(fed.total[-1]))
     worst.see("filament-at-vertex", off, most, times[pair], vertex)
