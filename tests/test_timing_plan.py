@@ -93,6 +93,27 @@ def test_leaving_out_what_cannot_bind_changes_nothing():
     np.testing.assert_allclose(planner._plan_block(quick, block), planner._plan_block(careful, block), rtol=1e-9)
 
 
+def test_rows_of_a_long_piece_made_in_parts_change_nothing(monkeypatch):
+    toolpath = print_like(2)
+    task = planner.task_for(toolpath, ROBOT, PRINTER, MATERIAL, PROCESS, "compiled")
+    block = planner.block_of(task.grid, np.arange(len(toolpath.starts) - 1))
+    task.rules.quiet = lambda positions: np.zeros(len(positions), np.bool_)
+    ones = np.ones(len(block.step))
+    whole = planner._solved(task, block, ones)
+    for kept in (2, 7):
+        monkeypatch.setattr("cabslice.timing.kernel.KEPT", kept)
+        np.testing.assert_array_equal(planner._solved(task, block, ones), whole)
+
+
+def test_pieces_planned_apart_are_those_planned_together(monkeypatch):
+    toolpath, together = print_like(2), planned(print_like(2))
+    assert len(toolpath.starts) > 3
+    monkeypatch.setattr(planner, "BLOCK_NODES", 1)
+    apart = planned(toolpath)
+    for name in ("time", "s", "x", "move", "pieces"):
+        np.testing.assert_array_equal(getattr(apart, name), getattr(together, name))
+
+
 def test_toppra_as_engine_plans_the_same_motion():
     toolpath = polyline(5, 12)
     ours, theirs = planned(toolpath), planned(toolpath, engine="toppra")

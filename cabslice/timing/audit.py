@@ -129,7 +129,7 @@ def _judge(subject: Subject, first: int, last: int) -> Worst:
     _feeding(subject, worst, now, at, around, fed, laid)
     extruder, window = subject.printer.extruder, subject.trajectory.window
     audit_filament.see(subject.fed, worst, extruder, window, times, move, laid)
-    off = distance_to_path(toolpath, place[1:-1], at)
+    off = _off_path(toolpath, place[1:-1], at, subject.process.corner_mm / 2)
     worst.see("path", np.maximum(off - PLACE_MM, 0), subject.process.corner_mm, now, at)
     _vertices(subject, worst, times, place, move, float(np.linalg.norm(accel, axis=1).max()))
     return worst
@@ -240,6 +240,17 @@ def distance_to_path(toolpath: Toolpath, xyz: Array, move: Array) -> Array:
     last = len(toolpath.xyz) - 1
     near = [np.clip(move + offset, 1, last) for offset in (-1, 0, 1)]
     return np.min([_to_segment(xyz, toolpath.xyz[k - 1], toolpath.xyz[k]) for k in near], axis=0)
+
+
+def _off_path(toolpath: Toolpath, xyz: Array, move: Array, enough: float) -> Array:
+    """As distance_to_path; at most `enough` it may be too large where it is not the largest."""
+    own = np.clip(move, 1, len(toolpath.xyz) - 1)
+    off = _to_segment(xyz, toolpath.xyz[own - 1], toolpath.xyz[own])
+    far = ~(off <= enough)
+    off[far] = distance_to_path(toolpath, xyz[far], move[far])
+    if off[far].max(initial=0.0) < off[~far].max(initial=0.0):
+        return distance_to_path(toolpath, xyz, move)
+    return off
 
 
 def _to_segment(point: Array, start: Array, end: Array) -> Array:

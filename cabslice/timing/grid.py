@@ -69,9 +69,9 @@ def _sections(path: Path, moves: Array) -> tuple[Array, Array, Array]:
     middle = np.maximum(straight - 2 * REACH, 0.0)
     length = np.stack((h_in, end, middle, end, h_out), axis=1)
     length[path.length[moves] == 0] = 0.0
-    blend = np.where(path.turn > SHARP, 3, 2)                                # intervals in half a blend
     count = np.ones(length.shape, np.int64)
-    count[:, 0], count[:, 4] = blend[path.before[moves]], blend[moves]
+    sharp = [path.turn_at(corner) > SHARP for corner in (path.before[moves], moves)]
+    count[:, 0], count[:, 4] = np.where(sharp, 3, 2)                         # intervals in half a blend
     count[:, 1] = count[:, 3] = np.maximum(1, np.ceil(np.arcsinh(GROWTH * end / FINEST) / GROWTH))
     count[:, 2] = np.maximum(1, np.ceil(middle / COARSEST))
     graded = np.zeros(length.shape, np.int64)

@@ -85,8 +85,9 @@ def _gauss_jordan(g, m, pivot, used):
 @compiled
 def _fill(a, b, at, slope_u, slope_x, low, high, keep):
     """Two rows of lo <= a u + b x <= hi, scaled so that rest has slack 1."""
-    a[at], b[at] = slope_u / (high * keep), slope_x / (high * keep)
-    a[at + 1], b[at + 1] = slope_u / (low * keep), slope_x / (low * keep)
+    above, below = 1.0 / (high * keep), 1.0 / (low * keep)
+    a[at], b[at] = slope_u * above, slope_x * above
+    a[at + 1], b[at + 1] = slope_u * below, slope_x * below
 
 
 @compiled
@@ -162,7 +163,8 @@ def _node(p, d1, d2, feed, accel, geometry, load, bounds, a, b, scratch):
                 low += min(mu_k * t_min[k], mu_k * t_max[k]) - still
                 high = max(mu_i * t_min[i], mu_i * t_max[i]) + max(mu_j * t_min[j], mu_j * t_max[j])
                 high += max(mu_k * t_min[k], mu_k * t_max[k]) - still
-                margin = min(margin, 2.0 * min(high, -low) / (high - low))
+                if not 2.0 * min(high, -low) >= margin * (high - low):
+                    margin = 2.0 * min(high, -low) / (high - low)
                 slope_u = mu_i * tau[i, 1] + mu_j * tau[j, 1] + mu_k * tau[k, 1]
                 slope_x = mu_i * tau[i, 2] + mu_j * tau[j, 2] + mu_k * tau[k, 2]
                 _fill(a, b, at, slope_u, slope_x, low, high, keep)

@@ -209,9 +209,11 @@ def _asked(toolpath: Toolpath, path: Path) -> Array:
 def highest_x(grid: Grid, path: Path, limits: Limits, speed: Array) -> tuple[Array, Array]:
     """Largest x at the start and at the end of every interval, (I,) each, from speed (N,) and filament steps."""
     top = speed[grid.move] ** 2
-    jump = np.abs(path.feed[path.after] - path.feed)
+    last = np.flatnonzero(grid.high >= path.length[grid.move])
+    move, at_end = grid.move[last], top.copy()
+    jump = np.abs(path.feed[path.after[move]] - path.feed[move])
     through = np.where(jump > 0, (limits.feed_jump / np.maximum(jump, 1e-12)) ** 2, NO_SPEED_LIMIT)
-    at_end = np.minimum(top, np.where(grid.high >= path.length[grid.move], through[grid.move], NO_SPEED_LIMIT))
+    at_end[last] = np.minimum(top[last], through)
     return top, at_end
 
 

@@ -63,7 +63,11 @@ class Path:
     @property
     def turn(self) -> Array:
         """(N,) |d1 - d0| at the vertex that ends each move."""
-        return np.linalg.norm(self.direction[self.after] - self.direction, axis=1)
+        return self.turn_at(np.arange(len(self.length)))
+
+    def turn_at(self, move: Array) -> Array:
+        """(K,) |d1 - d0| at the vertices that end moves (K,)."""
+        return np.asarray(np.linalg.norm(self.direction[self.after[move]] - self.direction[move], axis=1))
 
 
 def smooth(toolpath: Toolpath, corner_mm: float) -> Path:

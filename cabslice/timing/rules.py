@@ -21,6 +21,7 @@ from cabslice.timing import rails
 from cabslice.timing.limits import RESERVE, Limits, Nodes, rows, winder_speed_x, winding_caps
 
 CELL = 10.0      # mm
+LARGEST_TABLE = 1_000_000
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)] + [[0.5, 0.5, 0.5]])
 QUIET = 0.9      # largest share of a cable limit that counts as never reached
 NodeRows = Callable[[Nodes], tuple[Array, Array, Array]]
@@ -65,7 +66,7 @@ class CompiledRules:
         cell = np.floor(positions / CELL).astype(np.int64)
         low = cell.min(axis=0)
         size = cell.max(axis=0) - low + 1
-        number, back = np.unique(np.ravel_multi_index((cell - low).T, size), return_inverse=True)
+        number, back = _numbered(np.ravel_multi_index(tuple((cell - low).T), tuple(size)), int(size.prod()))
         keys = [tuple(row) for row in (np.stack(np.unravel_index(number, size), axis=1) + low).tolist()]
         new = [key for key in keys if key not in self.cells]
         if new:
@@ -73,6 +74,18 @@ class CompiledRules:
             worst = self.kernel.at_worst(points, self.limits.speed, self.columns).reshape(len(new), -1).max(axis=1)
             self.cells.update(zip(new, (worst < QUIET).tolist(), strict=True))
         return np.array([self.cells[key] for key in keys])[back]
+
+
+def _numbered(values: Array, size: int) -> tuple[Array, Array]:
+    """As np.unique with return_inverse, of whole numbers below `size`: by a table where that is not large."""
+    if size > LARGEST_TABLE:
+        number, back = np.unique(values, return_inverse=True)
+        return number, back
+    table = np.zeros(size, np.int64)
+    table[values] = 1
+    number = np.flatnonzero(table)
+    table[number] = np.arange(len(number))
+    return number, table[values]
 
 
 def _contiguous(nodes: Nodes) -> tuple[Array, Array, Array, Array, Array]:
