@@ -156,7 +156,9 @@ def test_every_layer_follows_the_bed():
     moved, _ = resumed(ended, tilted, START, 2)
     laid = moved.role != Role.TRAVEL
     np.testing.assert_allclose(moved.xyz[laid], ended.xyz[(ended.layer >= 2) & (ended.role != Role.TRAVEL)], atol=1e-12)
-    assert not check(ended, tilted).findings
+    smaller = dataclasses.replace(tilted, bed_size=np.array([440.0, 440.0]))
+    assert not check(ended, smaller).findings
+    assert {found.code for found in check(ended, tilted).findings} == {"cable-bed"}, "its corner rises into cables"
     assert [found.code for found in check(ended, ROBOT).findings] == ["bed"]
     printer = shelf.load_printer("cabfab-optim", ["bed.first_layer_offset_mm=-0.05", "bed.slope_mm_m=[-15, -10]"])
     robot = robot_from_printer(printer)

@@ -24,7 +24,8 @@ def slowed(
     source, share, level = levels(points[:, :2], walls, width, below)
     row, share, level = source[1:] - 1, share[1:], level[1:]
     cut = {name: column[row] for name, column in rows.items()}
-    cut["xyz"] = points[row] + share[:, None] * (points[row + 1] - points[row])
+    between = points[row] + share[:, None] * (points[row + 1] - points[row])
+    cut["xyz"] = np.where(share[:, None] < 1, between, points[row + 1])      # to the last bit: a prime moves nothing
     before = np.append(0.0, np.where(np.diff(row) == 0, share[:-1], 0.0))
     cut["filament"] = cut["filament"] * (share - before)
     cut["speed"] = np.where(level > 0, np.asarray(speeds)[np.maximum(level, 1) - 1], cut["speed"])
